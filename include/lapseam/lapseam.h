@@ -1,0 +1,26 @@
+#pragma once
+
+// Everything, for those who do not mind compile time.
+
+#include "lapseam/context.h"
+#include "lapseam/error.h"
+#include "lapseam/evaluate.h"
+#include "lapseam/extract.h"
+#include "lapseam/health.h"
+#include "lapseam/image.h"
+#include "lapseam/integrate.h"
+#include "lapseam/io.h"
+#include "lapseam/mesh.h"
+#include "lapseam/noise.h"
+#include "lapseam/overlap.h"
+#include "lapseam/patch.h"
+#include "lapseam/render.h"
+#include "lapseam/sensor.h"
+#include "lapseam/sew.h"
+#include "lapseam/simulate.h"
+#include "lapseam/smooth.h"
+#include "lapseam/survey.h"
+#include "lapseam/texture.h"
+#include "lapseam/triangulate.h"
+#include "lapseam/version.h"
+#include "lapseam/view.h"
