@@ -1,0 +1,21 @@
+#pragma once
+
+// Texture pages to and from the bytes of an image file.
+
+#include <filesystem>
+#include <span>
+#include <vector>
+
+#include "lapseam/image.h"
+
+namespace lapseam {
+
+/// No chroma subsampling: neighbouring charts of a page must not bleed into each other.
+/// Throws InvalidInput (without a file) for an empty image, one over 65,500 pixels wide or high, or a quality outside
+/// 1…100.
+std::vector<char> encode_jpeg(const ColorImage& image, int quality);
+
+/// JPEG or PNG, by content. `file` is the one that the bytes are in, for errors (InvalidInput).
+ColorImage decode_page(std::span<const char> bytes, const std::filesystem::path& file);
+
+}  // namespace lapseam

@@ -1,0 +1,156 @@
+#include <algorithm>
+
+#include "io/codecs.h"
+#include "io/exr.h"
+#include "io/range_grid.h"
+#include "io/scene_formats.h"
+#include "lapseam/context.h"
+
+namespace lapseam {
+namespace {
+
+void check_exists(const Source& source, const std::string& field) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(source.file, ignored)) source.refuse(field, "no such file");
+  if (!std::filesystem::is_regular_file(source.file, ignored)) source.refuse(field, "this is no regular file");
+}
+
+void check_sensor_size(const Source& source, const Sensor& sensor, ImageSize size) {
+  const ImageSize sensor_size{width(sensor), height(sensor)};
+  if (sensor_size != size)
+    source.refuse("size", "the range image is " + to_string(size) + ", its sensor " + to_string(sensor_size));
+}
+
+void complete_from_png(const Source& source, ViewDraft& draft) {
+  const PngProbe probe = probe_png(source);
+  if (!probe.is_gray16) source.refuse("range", "a PNG range image must be 16-bit greyscale");
+  if (!draft.has_scale) source.refuse("range.scale_m", "missing; a PNG range image needs it (metres per stored unit)");
+  if (!draft.view.sensor) source.refuse("sensor", "missing; a PNG range image needs a sensor");
+  check_sensor_size(source, *draft.view.sensor, probe.size);
+}
+
+void complete_from_exr(const Source& source, ViewDraft& draft) {
+  ViewSource& view = draft.view;
+  const ExrHeader header = read_exr_header(source);
+  choose_range_channel(source, header.channels, view.range.channel);
+  if (!view.sensor) view.sensor = header.sensor;
+  if (!view.sensor && !header.is_measured_grid)
+    source.refuse("sensor", "missing, and the EXR file has no sensor attributes");
+  if (view.sensor) check_sensor_size(source, *view.sensor, header.size);
+  if (!draft.has_pose && header.T_world_view) {
+    view.T_world_view = *header.T_world_view;
+    draft.has_pose = true;
+  }
+  if (!draft.has_quantity && header.quantity) view.range.quantity = *header.quantity;
+  if (!header.has_rgb || view.color) return;
+  // The colours of a measured grid need its camera before the view is loaded.
+  if (!view.sensor) view.sensor = read_exr_measured_grid(source);
+  view.color.emplace();
+  view.color->file = view.range.file;
+  view.color->camera = *view.sensor;
+}
+
+void complete_from_grid(const Source& source, const ViewDraft& draft) {
+  probe_range_grid(source);
+  if (draft.view.sensor) source.refuse("sensor", "a range grid is its own sensor; its model must be in_file");
+}
+
+void complete_range(ViewDraft& draft) {
+  RangeSource& range = draft.view.range;
+  const Source source{range.file, draft.view.name};
+  check_exists(source, "range.file");
+  switch (const FileKind kind = recognise_file(range.file)) {
+    case FileKind::kPng:
+      range.format = RangeFormat::kPng16;
+      complete_from_png(source, draft);
+      break;
+    case FileKind::kExr:
+      range.format = RangeFormat::kExr;
+      complete_from_exr(source, draft);
+      break;
+    case FileKind::kPly:
+      range.format = RangeFormat::kStanfordGrid;
+      complete_from_grid(source, draft);
+      break;
+    default:
+      source.refuse("range.file", "a range image is a 16-bit PNG, an EXR, or a range-grid PLY; this is " +
+                                      std::string(describe(kind)));
+  }
+  if (range.format != RangeFormat::kExr && !range.channel.empty())
+    source.refuse("range.channel", "only EXR files have channels");
+  if (!draft.has_pose) source.refuse("T_world_view", "missing, and the range file holds no pose");
+}
+
+void check_color(const ViewSource& view) {
+  if (!view.color) return;
+  const Source source{view.color->file, view.name};
+  check_exists(source, "color.file");
+  const ImageSize size = probe_color_size(source);
+  const ImageSize camera_size{width(view.color->camera), height(view.color->camera)};
+  if (size != camera_size)
+    source.refuse("color", "the image is " + to_string(size) + ", its camera " + to_string(camera_size));
+}
+
+}  // namespace
+
+SceneBuilder::SceneBuilder(const std::filesystem::path& file, const ReadSceneOptions& options, Context& context)
+    : options_(options), context_(context) {
+  scene_.file = file;
+}
+
+void SceneBuilder::check_name(const ViewSource& view) const {
+  for (const ViewSource& other : scene_.views)
+    if (other.name == view.name) throw InvalidInput(scene_.file, view.name, "name", "another view has this name");
+}
+
+void SceneBuilder::add(const std::function<ViewDraft()>& make) {
+  context_.throw_if_cancelled();
+  try {
+    ViewDraft draft = make();
+    check_name(draft.view);
+    complete_range(draft);
+    check_color(draft.view);
+    scene_.views.push_back(std::move(draft.view));
+  } catch (const Cancelled&) {
+    throw;
+  } catch (const Error& error) {
+    if (!options_.skip_bad_views) throw;
+    if (first_problem_.empty()) first_problem_ = error.what();
+    context_.warn(std::string("view left out: ") + error.what());
+  }
+}
+
+void SceneBuilder::assign_sensor_ids() {
+  const auto is_taken = [&](const std::string& id) {
+    return std::any_of(scene_.views.begin(), scene_.views.end(),
+                       [&](const auto& view) { return view.sensor_id == id; });
+  };
+  std::vector<const ViewSource*> named;  // one view for each id given here
+  for (ViewSource& view : scene_.views) {
+    if (!view.sensor_id.empty()) continue;
+    const auto same = std::find_if(named.begin(), named.end(), [&](const ViewSource* other) {
+      if (view.sensor.has_value() != other->sensor.has_value()) return false;
+      return view.sensor ? is_same_sensor(*view.sensor, *other->sensor) : true;
+    });
+    if (same != named.end()) {
+      view.sensor_id = (*same)->sensor_id;
+      continue;
+    }
+    const std::string stem = view.sensor ? std::string(kind_name(*view.sensor)) : kRangeGridSensorId;
+    std::string id = stem;
+    for (int i = 2; is_taken(id); ++i) id = stem + "-" + std::to_string(i);
+    view.sensor_id = id;
+    named.push_back(&view);
+  }
+}
+
+Scene SceneBuilder::finish() {
+  if (scene_.views.empty()) {
+    const std::string detail = first_problem_.empty() ? "" : "; the first problem: " + first_problem_;
+    throw InvalidInput(scene_.file, {}, "views", "there is no usable view" + detail);
+  }
+  assign_sensor_ids();
+  return std::move(scene_);
+}
+
+}  // namespace lapseam
