@@ -1,0 +1,197 @@
+// Bounding boxes in Morton order under a tree of fixed arity: leaves are compared with leaves, then their triangles,
+// then exact predicates decide.
+
+#include "health/self_intersection.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <vector>
+
+#include "core/parallel.h"
+#include "health/incidence.h"
+#include "health/predicates.h"
+
+namespace lapseam {
+namespace {
+
+constexpr std::size_t kLeafSize = 8;
+constexpr std::size_t kArity = 4;
+
+struct Box {
+  Eigen::Vector3f low = Eigen::Vector3f::Constant(3.0e38f);
+  Eigen::Vector3f high = Eigen::Vector3f::Constant(-3.0e38f);
+
+  void extend(const Eigen::Vector3f& p) { low = low.cwiseMin(p), high = high.cwiseMax(p); }
+  void extend(const Box& box) { low = low.cwiseMin(box.low), high = high.cwiseMax(box.high); }
+  bool overlaps(const Box& o) const {
+    return low.x() <= o.high.x() && o.low.x() <= high.x() && low.y() <= o.high.y() && o.low.y() <= high.y() &&
+           low.z() <= o.high.z() && o.low.z() <= high.z();
+  }
+};
+
+/// Spreads the low 21 bits of x to every third bit.
+std::uint64_t spread_bits(std::uint64_t x) {
+  x = (x | x << 32) & 0x1F00000000FFFFull;
+  x = (x | x << 16) & 0x1F0000FF0000FFull;
+  x = (x | x << 8) & 0x100F00F00F00F00Full;
+  x = (x | x << 4) & 0x10C30C30C30C30C3ull;
+  return (x | x << 2) & 0x1249249249249249ull;
+}
+
+class Finder {
+ public:
+  Finder(std::span<const Eigen::Vector3f> positions_m, std::span<const Triangle> triangles, Context& context)
+      : positions_m_(positions_m), triangles_(triangles), context_(context) {
+    sort_triangles();
+    build_tree();
+  }
+
+  SelfIntersections count() {
+    is_meeting_.assign(order_.size(), 0);
+    SelfIntersections result;
+    if (order_.empty()) return result;
+    result.pairs = parallel_reduce(
+        context_, levels_[0].size(), 64, std::uint64_t(0),
+        [&](std::size_t begin, std::size_t end, std::uint64_t pairs) {
+          for (std::size_t leaf = begin; leaf < end; ++leaf) pairs += visit_leaf(leaf);
+          return pairs;
+        },
+        [](std::uint64_t a, std::uint64_t b) { return a + b; });
+    for (const std::uint8_t is_meeting : is_meeting_) result.triangles += is_meeting;
+    return result;
+  }
+
+ private:
+  std::array<Eigen::Vector3f, 3> corners(std::uint32_t t) const {
+    return {positions_m_[triangles_[t][0]], positions_m_[triangles_[t][1]], positions_m_[triangles_[t][2]]};
+  }
+
+  bool has_area(std::uint32_t t) const {
+    const auto c = corners(t);
+    return !has_repeated_vertex(triangles_[t]) && dominant_plane(c[0], c[1], c[2]) >= 0;
+  }
+
+  void sort_triangles() {
+    Box bounds;
+    for (const Eigen::Vector3f& p : positions_m_) bounds.extend(p);
+    const double size = std::max(1e-30, (bounds.high.cast<double>() - bounds.low.cast<double>()).maxCoeff());
+    struct Entry {
+      std::uint64_t code;
+      std::uint32_t triangle;
+    };
+    std::vector<Entry> entries(triangles_.size());
+    parallel_for(context_, triangles_.size(), 4096, [&](std::size_t i) {
+      const auto t = std::uint32_t(i);
+      if (!has_area(t)) {
+        entries[i] = {~0ull, t};
+        return;
+      }
+      const auto c = corners(t);
+      const Eigen::Vector3d sum = c[0].cast<double>() + c[1].cast<double>() + c[2].cast<double>();
+      std::uint64_t code = 0;
+      for (int k = 0; k < 3; ++k) {
+        const double x = (sum[k] / 3 - double(bounds.low[k])) / size * 2097151.0;
+        code |= spread_bits(std::uint64_t(std::clamp(x, 0.0, 2097151.0))) << k;
+      }
+      entries[i] = {code, t};
+    });
+    parallel_sort(context_, entries.begin(), entries.end(), [](const Entry& a, const Entry& b) {
+      return a.code != b.code ? a.code < b.code : a.triangle < b.triangle;
+    });
+    while (!entries.empty() && entries.back().code == ~0ull) entries.pop_back();
+    order_.resize(entries.size());
+    for (std::size_t i = 0; i < entries.size(); ++i) order_[i] = entries[i].triangle;
+  }
+
+  void build_tree() {
+    boxes_.resize(order_.size());
+    parallel_for(context_, order_.size(), 4096, [&](std::size_t i) {
+      for (const Eigen::Vector3f& p : corners(order_[i])) boxes_[i].extend(p);
+    });
+    for (std::size_t below = 0; levels_.empty() || levels_.back().size() > 1;) {
+      const std::vector<Box>& children = levels_.empty() ? boxes_ : levels_.back();
+      const std::size_t arity = levels_.empty() ? kLeafSize : kArity;
+      below = children.size();
+      std::vector<Box> level((below + arity - 1) / arity);
+      parallel_for(context_, level.size(), 1024, [&](std::size_t i) {
+        for (std::size_t k = i * arity; k < std::min(below, (i + 1) * arity); ++k) level[i].extend(children[k]);
+      });
+      levels_.push_back(std::move(level));
+    }
+  }
+
+  /// Pairs between this leaf and itself or later ones.
+  std::uint64_t visit_leaf(std::size_t leaf) {
+    struct Node {
+      std::size_t level, index;
+    };
+    std::array<Node, 64> stack;  // at most kArity − 1 more per level, and 2^32 triangles make 15 levels
+    std::size_t size = 0;
+    stack[size++] = {levels_.size() - 1, 0};
+    const Box& box = levels_[0][leaf];
+    std::uint64_t pairs = 0;
+    while (size > 0) {
+      const Node node = stack[--size];
+      if (!levels_[node.level][node.index].overlaps(box)) continue;
+      if (node.level == 0) {
+        pairs += compare_leaves(leaf, node.index);
+        continue;
+      }
+      const std::size_t below = node.level - 1;
+      const std::size_t first = node.index * kArity;
+      const std::size_t last = std::min(first + kArity, levels_[below].size());
+      const std::size_t leaf_at_level = leaf >> (2 * below);  // kArity = 4
+      for (std::size_t child = std::max(first, leaf_at_level); child < last; ++child) stack[size++] = {below, child};
+    }
+    return pairs;
+  }
+
+  std::uint64_t compare_leaves(std::size_t leaf, std::size_t other) {
+    std::uint64_t pairs = 0;
+    const std::size_t end = std::min((leaf + 1) * kLeafSize, order_.size());
+    const std::size_t other_end = std::min((other + 1) * kLeafSize, order_.size());
+    for (std::size_t i = leaf * kLeafSize; i < end; ++i) {
+      if (!boxes_[i].overlaps(levels_[0][other])) continue;
+      for (std::size_t j = std::max(i + 1, other * kLeafSize); j < other_end; ++j) {
+        if (!boxes_[i].overlaps(boxes_[j]) || !do_meet(order_[i], order_[j])) continue;
+        mark(i);
+        mark(j);
+        ++pairs;
+      }
+    }
+    return pairs;
+  }
+
+  bool do_meet(std::uint32_t t, std::uint32_t s) const {
+    const auto a = corners(t), b = corners(s);
+    std::size_t shared = 0, in_a = 0, in_b = 0;
+    for (std::size_t i = 0; i < 3; ++i)
+      for (std::size_t j = 0; j < 3; ++j)
+        if (triangles_[t][i] == triangles_[s][j]) ++shared, in_a = i, in_b = j;
+    if (shared == 0) return do_triangles_meet(a, b);
+    if (shared > 1) return false;
+    return do_segment_and_triangle_meet(a[(in_a + 1) % 3], a[(in_a + 2) % 3], b) ||
+           do_segment_and_triangle_meet(b[(in_b + 1) % 3], b[(in_b + 2) % 3], a);
+  }
+
+  /// Several threads may mark the same triangle; all of them write the same.
+  void mark(std::size_t i) { std::atomic_ref<std::uint8_t>(is_meeting_[i]).store(1, std::memory_order_relaxed); }
+
+  std::span<const Eigen::Vector3f> positions_m_;
+  std::span<const Triangle> triangles_;
+  Context& context_;
+  std::vector<std::uint32_t> order_;      ///< triangles of some area, in Morton order
+  std::vector<Box> boxes_;                ///< of the triangles in that order
+  std::vector<std::vector<Box>> levels_;  ///< leaves first; the last level is the root
+  std::vector<std::uint8_t> is_meeting_;
+};
+
+}  // namespace
+
+SelfIntersections count_self_intersections(std::span<const Eigen::Vector3f> positions_m,
+                                           std::span<const Triangle> triangles, Context& context) {
+  return Finder(positions_m, triangles, context).count();
+}
+
+}  // namespace lapseam

@@ -1,0 +1,25 @@
+#pragma once
+
+// Triangles that cut through or touch others where they share no vertex or only one.
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+
+#include "lapseam/mesh.h"
+
+namespace lapseam {
+
+class Context;
+
+struct SelfIntersections {
+  std::uint64_t triangles = 0;  ///< that meet at least one other
+  std::uint64_t pairs = 0;
+};
+
+/// Exact. Pairs with one common vertex meet when the edge opposite to it meets the other triangle; pairs with two or
+/// three common vertices are not tested, nor triangles of zero area.
+SelfIntersections count_self_intersections(std::span<const Eigen::Vector3f> positions_m,
+                                           std::span<const Triangle> triangles, Context& context);
+
+}  // namespace lapseam
