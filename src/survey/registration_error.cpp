@@ -1,0 +1,62 @@
+#include "survey/registration_error.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/parallel.h"
+#include "lapseam/error.h"
+
+namespace lapseam {
+namespace {
+
+constexpr std::size_t kFewestSamples = 40;
+constexpr int kProbeSamples = 600;
+// Median absolute value of a normal distribution.
+constexpr double kMedianOfNormal = 0.67449;
+// Noise is known to about a tenth, and its neighbours' share of it less well: up to here it explains what is seen.
+constexpr double kNoiseSlack = 1.25;
+// Standard error of a median absolute deviation of n values, times √n, of which three are allowed.
+constexpr double kChance = 3 * 1.17;
+
+}  // namespace
+
+std::optional<double> unexplained_error(std::span<const Disagreement> disagreements) {
+  if (disagreements.size() < kFewestSamples) return std::nullopt;
+  std::vector<double> relative, sigma;
+  for (const Disagreement& d : disagreements) {
+    relative.push_back(std::abs(d.along_ray_m) / d.sigma_m);
+    sigma.push_back(d.sigma_m * d.cosine);
+  }
+  const double factor = quantile(relative, 0.5) / kMedianOfNormal;
+  const double explained = kNoiseSlack + kChance / std::sqrt(double(disagreements.size()));
+  if (factor <= explained) return 0.0;
+  return quantile(sigma, 0.5) * std::sqrt(factor * factor - 1);
+}
+
+RegistrationError summarize_registration(std::vector<double> errors_m) {
+  RegistrationError out;
+  out.pairs = errors_m.size();
+  out.median_m = quantile(errors_m, 0.5);
+  out.p90_m = quantile(errors_m, 0.9);
+  return out;
+}
+
+RegistrationError estimate_registration_error(std::span<const View> views, std::span<const NoiseModel> noise,
+                                              Context& context) {
+  if (views.size() != noise.size()) throw InvalidInput({}, {}, "noise", "not one model for each view");
+  std::vector<ViewProbe> probes(views.size());
+  parallel_for(context, views.size(), 1,
+               [&](std::size_t i) { probes[i] = make_probe(views[i], noise[i], kProbeSamples); });
+  const std::size_t n = views.size();
+  std::vector<std::optional<double>> errors(n * n);
+  parallel_for(context, n * n, 16, [&](std::size_t k) {
+    const std::size_t a = k / n, b = k % n;
+    if (a != b) errors[k] = unexplained_error(compare_views(probes[a], views[b], noise[b], probes[b]).disagreements);
+  });
+  std::vector<double> told;
+  for (const auto& error : errors)
+    if (error) told.push_back(*error);
+  return summarize_registration(std::move(told));
+}
+
+}  // namespace lapseam

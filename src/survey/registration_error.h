@@ -1,0 +1,20 @@
+#pragma once
+
+// From the comparisons of pairs of views to one figure for the scene.
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "lapseam/survey.h"
+#include "survey/compare_views.h"
+
+namespace lapseam {
+
+/// Standard deviation across the surface that noise does not explain: 0 where it does. Nothing for too few samples.
+std::optional<double> unexplained_error(std::span<const Disagreement> disagreements);
+
+/// errors: one per pair of views that could be compared.
+RegistrationError summarize_registration(std::vector<double> errors_m);
+
+}  // namespace lapseam
