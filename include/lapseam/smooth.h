@@ -1,0 +1,29 @@
+#pragma once
+
+// Edge-preserving smoothing of range images, within the noise.
+
+#include "lapseam/view.h"
+
+namespace lapseam {
+
+class Context;
+
+struct SmoothOptions {
+  /// Widest tap distance, in samples; taps are 1, 2, 4, ... up to here. 0: no smoothing.
+  int reach_px = 8;
+};
+
+struct SmoothResult {
+  RangeImage range;
+  /// What is left of the noise, as a factor on sigma: median over samples.
+  double remaining_sigma_factor = 1;
+};
+
+/// Averages each sample with pairs of samples that lie symmetrically about it, in the quantity that is affine in pixel
+/// coordinates on a plane (inverse range for central sensors, range for parallel rays), so that slanted planes come out
+/// unchanged. A pair counts only where its mean agrees with the centre within the noise: steps and creases are kept.
+/// Passes with growing distance (à trous: Holschneider et al. 1989). Invalid pixels stay invalid, and none is made.
+/// Deterministic. Cost: about 40 operations per sample and pass.
+SmoothResult smooth(const View& view, const NoiseModel& noise, const SmoothOptions& options, Context& context);
+
+}  // namespace lapseam
