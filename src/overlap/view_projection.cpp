@@ -1,0 +1,75 @@
+#include "overlap/view_projection.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace lapseam {
+namespace {
+
+// Every so many samples of the image border are looked at for the cone; between them a border is nearly straight.
+constexpr int kConeSampling_px = 8;
+
+bool fill_sphere(const Patch& patch, PatchTile& tile) {
+  Eigen::AlignedBox3f box;
+  for (int v = tile.v0; v < tile.v1; ++v)
+    for (int u = tile.u0; u < tile.u1; ++u) {
+      const std::size_t cell = patch.confidence.index(u, v);
+      for (int slot = 0; slot < 2; ++slot)
+        if (patch.grid.is_alive(cell, slot))
+          for (const std::uint32_t p : patch.grid.corners(cell, slot)) box.extend(patch.point_in_view(p));
+    }
+  if (box.isEmpty()) return false;
+  tile.center_in_view = box.center();
+  tile.radius_m = 0.5f * box.diagonal().norm();
+  return true;
+}
+
+}  // namespace
+
+std::vector<PatchTile> make_tiles(const Patch& patch) {
+  std::vector<PatchTile> tiles;
+  for (int v = 0; v < patch.grid.height; v += kTile_px)
+    for (int u = 0; u < patch.grid.width; u += kTile_px) {
+      PatchTile tile{u, v, std::min(u + kTile_px, patch.grid.width), std::min(v + kTile_px, patch.grid.height),
+                     Eigen::Vector3f::Zero(), 0};
+      if (fill_sphere(patch, tile)) tiles.push_back(tile);
+    }
+  return tiles;
+}
+
+bool ViewCone::can_see(const Eigen::Vector3f& center, float radius_m) const {
+  if (!is_bounded) return true;
+  const float distance = center.norm();
+  if (distance - radius_m > farthest_m) return false;
+  if (distance <= radius_m || cos_half_angle <= 0) return true;
+  // Angle to the axis minus the angle that the sphere subtends, against the half angle, without inverse functions.
+  const float cos_to_axis = center.dot(axis) / distance;
+  const float sin_sphere = radius_m / distance, cos_sphere = std::sqrt(std::max(0.0f, 1 - sin_sphere * sin_sphere));
+  const float cos_limit = cos_half_angle * cos_sphere - sin_half_angle * sin_sphere;  // cos(half angle + sphere's)
+  return cos_to_axis >= cos_limit;
+}
+
+ViewCone make_cone(const Patch& patch) {
+  ViewCone cone;
+  if (!patch.rays->origins.empty()) return cone;
+  const int w = patch.grid.width, h = patch.grid.height;
+  const auto direction = [&](int u, int v) {
+    return Eigen::Vector3f(patch.rays->directions[patch.confidence.index(u, v)].normalized());
+  };
+  cone.axis = direction(w / 2, h / 2);
+  float lowest = 1;
+  const auto visit = [&](int u, int v) { lowest = std::min(lowest, cone.axis.dot(direction(u, v))); };
+  for (int u = 0; u < w; u += kConeSampling_px) visit(u, 0), visit(u, h - 1);
+  for (int v = 0; v < h; v += kConeSampling_px) visit(0, v), visit(w - 1, v);
+  visit(w - 1, h - 1);
+  // Half a sample beyond the outermost centres still belongs to the image; 1 % is more than that.
+  cone.cos_half_angle = lowest - 0.01f;
+  cone.is_bounded = true;
+  if (cone.cos_half_angle <= 0) cone.cos_half_angle = -1;
+  cone.sin_half_angle = std::sqrt(std::max(0.0f, 1 - cone.cos_half_angle * cone.cos_half_angle));
+  for (std::size_t i = 0; i < patch.view.range.size(); ++i)
+    if (patch.view.range.pixels[i] > 0) cone.farthest_m = std::max(cone.farthest_m, patch.point_in_view(i).norm());
+  return cone;
+}
+
+}  // namespace lapseam

@@ -1,0 +1,35 @@
+#pragma once
+
+// What can be worked out once per view or per pair of views, so that whole tiles of triangles need not be projected.
+
+#include <Eigen/Geometry>
+#include <vector>
+
+#include "lapseam/patch.h"
+
+namespace lapseam {
+
+inline constexpr int kTile_px = 32;
+
+/// A block of kTile_px × kTile_px cells of a patch that has triangles, and a sphere around their samples.
+struct PatchTile {
+  int u0 = 0, v0 = 0, u1 = 0, v1 = 0;  ///< cells [u0, u1) × [v0, v1)
+  Eigen::Vector3f center_in_view = Eigen::Vector3f::Zero();
+  float radius_m = 0;
+};
+/// The tiles of a patch that have an alive triangle now.
+std::vector<PatchTile> make_tiles(const Patch& patch);
+
+/// Everything a central sensor can see lies in this cone, between these ranges. Sensors with parallel or measured rays
+/// have no cone: nothing is culled for them.
+struct ViewCone {
+  bool is_bounded = false;
+  Eigen::Vector3f axis = Eigen::Vector3f::UnitZ();
+  float cos_half_angle = -1, sin_half_angle = 0;
+  float farthest_m = 0;  ///< distance from the sensor of its farthest sample
+
+  bool can_see(const Eigen::Vector3f& center, float radius_m) const;
+};
+ViewCone make_cone(const Patch& patch);
+
+}  // namespace lapseam
