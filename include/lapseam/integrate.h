@@ -1,0 +1,88 @@
+#pragma once
+
+// The whole way from a scene to a textured mesh: load, smooth, triangulate, overlap, sew, texture.
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "lapseam/health.h"
+#include "lapseam/mesh.h"
+#include "lapseam/overlap.h"
+#include "lapseam/sew.h"
+#include "lapseam/smooth.h"
+#include "lapseam/texture.h"
+#include "lapseam/view.h"
+
+namespace lapseam {
+
+class Context;
+
+enum class ColorOutput {
+  kNone,
+  kVertices,  ///< one colour per vertex, from its own view
+  kAtlas,     ///< texture pages and coordinates
+};
+
+struct IntegrateOptions {
+  SmoothOptions smooth{};
+  OverlapOptions overlap{};  ///< its registration error is estimated when left at 0
+  SewOptions sew{};
+  AtlasOptions atlas{};
+  ColorOutput color = ColorOutput::kAtlas;
+  /// Leave out every Nth view, from the first; 0: none. For measuring against views that were not used.
+  int hold_out = 0;
+  /// Leave out views that cannot be loaded, with a warning, instead of failing.
+  bool skip_bad_views = false;
+  /// Connected pieces of fewer triangles are dropped: noise, not surface.
+  std::uint64_t smallest_component = 20;
+  /// Count self-intersecting triangles in the report; exact, and about as slow as the sewing.
+  bool check_self_intersections = false;
+};
+
+/// What became of one view.
+struct ViewReport {
+  std::string name;
+  std::uint64_t samples = 0;              ///< valid samples in the range image
+  std::uint64_t triangles = 0;            ///< after triangulation
+  std::uint64_t triangles_in_model = 0;   ///< still alive at the end
+  double smoothing_sigma_factor = 1;      ///< share of the noise that smoothing left
+  OverlapCounts overlap;                  ///< when it was added
+};
+
+/// The thresholds of one sensor, as they were derived from its data.
+struct SensorReport {
+  NoiseModel noise;
+  bool is_noise_given = false;            ///< from the manifest, not estimated
+  double range_m[3] = {0, 0, 0};          ///< lowest, median, highest range seen
+  double sigma_m[3] = {0, 0, 0};          ///< noise there
+  double spacing_m[3] = {0, 0, 0};        ///< distance between samples there
+  double step_m[3] = {0, 0, 0};           ///< range difference between neighbours that parts two surfaces there
+};
+
+struct IntegrateReport {
+  std::vector<std::string> views_left_out;
+  std::vector<ViewReport> views;
+  std::map<std::string, SensorReport> sensors;  ///< by sensor id
+  double registration_error_m = 0;
+  SewReport sew;
+  std::uint64_t pinched_vertices_split = 0;
+  std::uint64_t triangles_in_small_components = 0;
+  AtlasReport atlas;
+  MeshHealth health;
+};
+
+struct IntegrateResult {
+  Mesh mesh;
+  IntegrateReport report;
+};
+
+/// Views are added one after another, in the scene's order. The mesh's provenance counts views as the scene does.
+/// Same bytes for any number of threads. Throws InvalidInput, IoError, Cancelled.
+IntegrateResult integrate(const Scene& scene, const IntegrateOptions& options, Context& context);
+
+/// The report with the context's stages and warnings, as JSON text.
+std::string to_json(const IntegrateReport& report, const Context& context);
+
+}  // namespace lapseam

@@ -1,0 +1,231 @@
+// The only file that sees every stage.
+
+#include <algorithm>
+#include <optional>
+
+#include "core/parallel.h"
+#include "lapseam/error.h"
+#include "lapseam/extract.h"
+#include "lapseam/integrate.h"
+#include "lapseam/io.h"
+#include "lapseam/survey.h"
+#include "lapseam/triangulate.h"
+
+namespace lapseam {
+namespace {
+
+// Views of one sensor that its noise is estimated from, spread over the scene.
+constexpr std::size_t kNoiseViews = 8;
+
+class Integration {
+ public:
+  Integration(const Scene& scene, const IntegrateOptions& options, Context& context)
+      : scene_(scene), options_(options), context_(context) {}
+
+  IntegrateResult run() {
+    load_views();
+    estimate_sensors();
+    prepare_patches();
+    remove_overlap();
+    extract_and_sew();
+    color();
+    {
+      StageScope stage(context_, "health");
+      result_.report.health = check_health(result_.mesh, {.self_intersections = options_.check_self_intersections}, context_);
+    }
+    return std::move(result_);
+  }
+
+ private:
+  bool is_held_out(std::size_t i) const { return options_.hold_out > 0 && i % std::size_t(options_.hold_out) == 0; }
+
+  void load_views() {
+    StageScope stage(context_, "load", scene_.views.size());
+    std::vector<std::optional<View>> loaded(scene_.views.size());
+    std::vector<std::string> problems(scene_.views.size());
+    parallel_for(context_, scene_.views.size(), 1, [&](std::size_t i) {
+      if (is_held_out(i)) return;
+      try {
+        loaded[i] = load_view(scene_.views[i]);
+      } catch (const Cancelled&) {
+        throw;
+      } catch (const Error& error) {
+        problems[i] = error.what();
+      }
+      stage.advance();
+    });
+    for (std::size_t i = 0; i < loaded.size(); ++i) {
+      if (!problems[i].empty()) {
+        if (!options_.skip_bad_views) throw Error(problems[i]);
+        context_.warn("view left out: " + problems[i]);
+      }
+      if (!loaded[i]) {
+        result_.report.views_left_out.push_back(scene_.views[i].name);
+        continue;
+      }
+      source_index_.push_back(std::uint32_t(i));
+      views_.push_back(std::move(*loaded[i]));
+    }
+    if (views_.empty()) throw InvalidInput(scene_.file, {}, "views", "no view can be used");
+  }
+
+  const ViewSource& source_of(std::size_t i) const { return scene_.views[source_index_[i]]; }
+
+  void estimate_sensors() {
+    StageScope stage(context_, "noise");
+    std::map<std::string, std::vector<std::size_t>> views_of_sensor;
+    for (std::size_t i = 0; i < views_.size(); ++i) views_of_sensor[views_[i].sensor_id].push_back(i);
+    noise_.resize(views_.size());
+    for (const auto& [id, members] : views_of_sensor) {
+      SensorReport& sensor = result_.report.sensors[id];
+      const auto given = std::find_if(members.begin(), members.end(), [&](std::size_t i) { return source_of(i).noise; });
+      if (given != members.end()) {
+        sensor.noise = *source_of(*given).noise;
+        sensor.is_noise_given = true;
+      } else {
+        std::vector<const View*> sample;
+        const std::size_t count = std::min(kNoiseViews, members.size());
+        for (std::size_t k = 0; k < count; ++k) sample.push_back(&views_[members[k * members.size() / count]]);
+        sensor.noise = estimate_noise(sample, context_);
+      }
+      for (const std::size_t i : members) noise_[i] = source_of(i).noise ? *source_of(i).noise : sensor.noise;
+      report_thresholds(members, sensor);
+    }
+    if (options_.overlap.registration_error_m > 0)
+      result_.report.registration_error_m = options_.overlap.registration_error_m;
+    else
+      result_.report.registration_error_m = estimate_registration_error(views_, noise_, context_).median_m;
+    overlap_ = options_.overlap;
+    overlap_.registration_error_m = result_.report.registration_error_m;
+  }
+
+  void report_thresholds(const std::vector<std::size_t>& members, SensorReport& sensor) const {
+    const View& view = views_[members.front()];
+    std::vector<float> ranges;
+    for (const float r : view.range.pixels)
+      if (r > 0) ranges.push_back(r);
+    std::sort(ranges.begin(), ranges.end());
+    const StepThreshold threshold = make_step_threshold(view.sensor, sensor.noise);
+    const std::size_t at[3] = {0, ranges.size() / 2, ranges.size() - 1};
+    for (std::size_t k = 0; k < 3; ++k) {
+      sensor.range_m[k] = double(ranges[at[k]]);
+      sensor.sigma_m[k] = sensor.noise.sigma(sensor.range_m[k]);
+      sensor.spacing_m[k] = threshold.spacing(sensor.range_m[k]);
+      sensor.step_m[k] = threshold.isolated(sensor.range_m[k]);
+    }
+  }
+
+  // Rays depend on the sensor alone; views that share a sensor id and a model share the table.
+  void make_rays() {
+    std::map<std::string, std::size_t> first_of_sensor;
+    std::vector<std::size_t> owner(views_.size());
+    for (std::size_t i = 0; i < views_.size(); ++i) {
+      const bool is_own = std::holds_alternative<MeasuredGridSensor>(views_[i].sensor);
+      owner[i] = is_own ? i : first_of_sensor.try_emplace(views_[i].sensor_id, i).first->second;
+    }
+    rays_.resize(views_.size());
+    parallel_for(context_, views_.size(), 1, [&](std::size_t i) {
+      if (owner[i] == i) rays_[i] = make_ray_table(views_[i].sensor);
+    });
+    for (std::size_t i = 0; i < views_.size(); ++i) rays_[i] = rays_[owner[i]];
+  }
+
+  void prepare_patches() {
+    make_rays();
+    StageScope stage(context_, "triangulate", views_.size());
+    patches_.resize(views_.size());
+    result_.report.views.resize(views_.size());
+    parallel_for(context_, views_.size(), 1, [&](std::size_t i) {
+      Patch& patch = patches_[i];
+      ViewReport& report = result_.report.views[i];
+      patch.view = std::move(views_[i]);
+      patch.noise = noise_[i];
+      patch.rays = rays_[i];
+      report.name = patch.view.name;
+      for (const float r : patch.view.range.pixels) report.samples += r > 0;
+      SmoothResult smoothed = smooth(patch.view, patch.noise, options_.smooth, context_);
+      patch.view.range = std::move(smoothed.range);
+      report.smoothing_sigma_factor = smoothed.remaining_sigma_factor;
+      const StepThreshold threshold = make_step_threshold(patch.view.sensor, patch.noise);
+      patch.grid = triangulate(patch.view, *patch.rays, threshold, context_);
+      measure_confidence(patch, threshold, context_);
+      report.triangles = patch.grid.alive_count();
+      stage.advance();
+    });
+  }
+
+  void remove_overlap() {
+    StageScope stage(context_, "overlap", patches_.size());
+    OverlapRemoval removal(overlap_);
+    for (std::size_t i = 0; i < patches_.size(); ++i) {
+      result_.report.views[i].overlap = removal.add(std::span(patches_).first(i + 1), context_);
+      stage.advance();
+    }
+    for (std::size_t i = 0; i < patches_.size(); ++i)
+      result_.report.views[i].triangles_in_model = patches_[i].grid.alive_count();
+  }
+
+  // A seam must not stand where one of its own views looked through.
+  bool is_seam_seen_through(const Mesh& mesh, const Triangle& t) const {
+    const Eigen::Vector3f centroid = (mesh.positions_m[t[0]] + mesh.positions_m[t[1]] + mesh.positions_m[t[2]]) / 3;
+    const Eigen::Vector3d world = mesh.origin_m + centroid.cast<double>();
+    for (std::size_t k = 0; k < 3; ++k)
+      if (is_seen_through(patches_[mesh.vertex_view[t[k]]], world, overlap_)) return true;
+    return false;
+  }
+
+  void extract_and_sew() {
+    ExtractedMesh extracted;
+    {
+      StageScope stage(context_, "extract");
+      extracted = extract(patches_, context_);
+    }
+    Mesh& mesh = extracted.mesh;
+    {
+      StageScope stage(context_, "sew");
+      SewOptions options = options_.sew;
+      if (!options.is_seen_through)
+        options.is_seen_through = [this](const Mesh& m, const Triangle& t) { return is_seam_seen_through(m, t); };
+      result_.report.sew = sew(mesh, extracted.active_edges, options, context_);
+    }
+    {
+      StageScope stage(context_, "clean");
+      result_.report.triangles_in_small_components = remove_small_components(mesh, options_.smallest_component);
+      result_.report.pinched_vertices_split = split_pinched_vertices(mesh);
+    }
+    patches_.clear();
+    patches_.shrink_to_fit();
+    for (std::uint32_t& view : mesh.vertex_view) view = source_index_[view];
+    for (std::uint32_t& view : mesh.triangle_view) view = source_index_[view];
+    result_.mesh = std::move(mesh);
+  }
+
+  void color() {
+    const bool has_color = std::any_of(scene_.views.begin(), scene_.views.end(),
+                                       [](const ViewSource& view) { return view.color.has_value(); });
+    if (!has_color || options_.color == ColorOutput::kNone) return;
+    if (options_.color == ColorOutput::kVertices)
+      color_vertices(result_.mesh, scene_.views, context_);
+    else
+      result_.report.atlas = build_atlas(result_.mesh, scene_.views, options_.atlas, context_);
+  }
+
+  const Scene& scene_;
+  const IntegrateOptions& options_;
+  Context& context_;
+  IntegrateResult result_;
+  std::vector<View> views_;
+  std::vector<std::uint32_t> source_index_;  // of each used view, its index in the scene
+  std::vector<NoiseModel> noise_;
+  std::vector<std::shared_ptr<const RayTable>> rays_;
+  std::vector<Patch> patches_;
+  OverlapOptions overlap_;
+};
+
+}  // namespace
+
+IntegrateResult integrate(const Scene& scene, const IntegrateOptions& options, Context& context) {
+  return Integration(scene, options, context).run();
+}
+
+}  // namespace lapseam

@@ -1,0 +1,76 @@
+#include <nlohmann/json.hpp>
+
+#include "core/memory.h"
+#include "lapseam/context.h"
+#include "lapseam/integrate.h"
+#include "lapseam/version.h"
+
+namespace lapseam {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json of_noise(const NoiseModel& noise) {
+  return {{"s0_m", noise.s0_m}, {"s1", noise.s1}, {"s2_per_m", noise.s2_per_m}, {"floor_m", noise.floor_m}};
+}
+
+Json of_overlap(const OverlapCounts& counts) {
+  return {{"tested", counts.tested},
+          {"removed_old", counts.removed_old},
+          {"removed_new", counts.removed_new},
+          {"removed_seen_through", counts.removed_seen_through}};
+}
+
+Json of_sensor(const SensorReport& sensor) {
+  Json thresholds = Json::array();
+  for (std::size_t k = 0; k < 3; ++k)
+    thresholds.push_back({{"range_m", sensor.range_m[k]},
+                          {"sigma_m", sensor.sigma_m[k]},
+                          {"sample_spacing_m", sensor.spacing_m[k]},
+                          {"step_m", sensor.step_m[k]}});
+  return {{"noise", of_noise(sensor.noise)}, {"noise_from", sensor.is_noise_given ? "manifest" : "data"},
+          {"thresholds", thresholds}};
+}
+
+Json of_view(const ViewReport& view) {
+  return {{"name", view.name},
+          {"samples", view.samples},
+          {"triangles", view.triangles},
+          {"triangles_in_model", view.triangles_in_model},
+          {"smoothing_sigma_factor", view.smoothing_sigma_factor},
+          {"overlap", of_overlap(view.overlap)}};
+}
+
+}  // namespace
+
+std::string to_json(const IntegrateReport& report, const Context& context) {
+  Json json;
+  json["format"] = "lapseam-report";
+  json["version"] = 1;
+  json["lapseam"] = kVersion;
+  json["threads"] = context.threads();
+  for (const StageRecord& stage : context.stages())
+    json["stages"].push_back(
+        {{"name", stage.name}, {"seconds", stage.seconds}, {"peak_rss_bytes", stage.peak_rss_bytes}});
+  json["peak_rss_bytes"] = peak_rss_bytes();
+  for (const auto& [id, sensor] : report.sensors) json["sensors"][id] = of_sensor(sensor);
+  json["registration_error_m"] = report.registration_error_m;
+  json["views_left_out"] = report.views_left_out;
+  for (const ViewReport& view : report.views) json["views"].push_back(of_view(view));
+  json["sew"] = {{"active_edges", report.sew.active_edges},
+                 {"front_triangles", report.sew.front_triangles},
+                 {"loop_triangles", report.sew.loop_triangles},
+                 {"open_edges", report.sew.open_edges},
+                 {"pinched_vertices_split", report.pinched_vertices_split},
+                 {"triangles_in_small_components", report.triangles_in_small_components}};
+  json["atlas"] = {{"charts", report.atlas.charts},
+                   {"pages", report.atlas.pages},
+                   {"page_pixels", report.atlas.page_pixels},
+                   {"chart_pixels", report.atlas.chart_pixels},
+                   {"untextured_triangles", report.atlas.untextured_triangles}};
+  json["health"] = Json::parse(to_json(report.health));
+  json["warnings"] = context.warnings();
+  return json.dump(1);
+}
+
+}  // namespace lapseam
