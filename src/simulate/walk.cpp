@@ -148,14 +148,11 @@ class GazePlanner {
  private:
   static constexpr std::size_t kNone = std::size_t(-1);
 
-  template <typename Visit>
-  void for_seen(std::size_t view, const Gaze& gaze, const Visit& visit) const {
-    for (const std::uint32_t s : visible_[view])
-      if (frustum_.contains(gaze.right, gaze.down, gaze.forward, samples_.points[s] - eyes_[view])) visit(s);
-  }
-
   void count(std::size_t view, int change) {
-    for_seen(view, gazes_[chosen_[view]], [&](std::uint32_t s) { times_seen_[s] += change; });
+    const Gaze& gaze = gazes_[chosen_[view]];
+    for (const std::uint32_t s : visible_[view])
+      if (frustum_.contains(gaze.right, gaze.down, gaze.forward, samples_.points[s] - eyes_[view]))
+        times_seen_[s] += change;
   }
 
   /// Between this view's gaze and that of a neighbour on the walk, over what a hand does on that way: 1 is brisk.
@@ -167,14 +164,18 @@ class GazePlanner {
   }
 
   void choose(std::size_t view) {
-    std::vector<float> scores(gazes_.size());
-    // New surface counts most; seeing it again from elsewhere still helps.
+    // New surface counts most; seeing it again from elsewhere still helps, up to a point.
     constexpr std::array<float, 3> kWorth{1.0f, 0.10f, 0.03f};
+    std::vector<std::pair<Vector3f, float>> worth_seeing;
+    for (const std::uint32_t s : visible_[view])
+      if (times_seen_[s] < int(kWorth.size()))
+        worth_seeing.emplace_back(samples_.points[s] - eyes_[view], kWorth[std::size_t(times_seen_[s])]);
+    std::vector<float> scores(gazes_.size());
     parallel_for(context_, gazes_.size(), 16, [&](std::size_t g) {
+      const Gaze& gaze = gazes_[g];
       float score = 0;
-      for_seen(view, gazes_[g], [&](std::uint32_t s) {
-        if (times_seen_[s] < int(kWorth.size())) score += kWorth[std::size_t(times_seen_[s])];
-      });
+      for (const auto& [point, worth] : worth_seeing)
+        if (frustum_.contains(gaze.right, gaze.down, gaze.forward, point)) score += worth;
       const float sharpest = std::max(turn(view, g, view - 1), turn(view, g, view + 1));
       // A turn that is too brisk loses to any that is not, unless all are.
       scores[g] = score / (1 + 0.3f * sharpest * sharpest) - (sharpest > 1 ? 1e6f * sharpest : 0.0f);

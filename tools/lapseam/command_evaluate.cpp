@@ -1,0 +1,102 @@
+#include <fmt/format.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+#include "command.h"
+#include "lapseam/error.h"
+#include "lapseam/evaluate.h"
+#include "lapseam/io.h"
+
+namespace lapseam::tool {
+namespace {
+
+struct EvaluateArguments {
+  CommonOptions common;
+  std::string result, truth, views, json;
+  std::vector<double> at_mm = {1, 2, 5, 10};
+  std::size_t samples = EvaluateOptions{}.samples;
+  std::size_t rays = EvaluateOptions{}.rays_per_view;
+  std::uint64_t seed = 0;
+  bool no_self_intersections = false;
+};
+
+// Refused before the work starts, not after it.
+void check_json_file(const std::filesystem::path& file) {
+  if (file.empty() || file == "-") return;
+  const auto folder = file.has_parent_path() ? file.parent_path() : std::filesystem::path(".");
+  if (!std::filesystem::is_directory(folder)) throw IoError(folder, "no such folder");
+}
+
+void write_json(const std::string& file, const std::string& json) {
+  if (file == "-") {
+    fmt::print("{}\n", json);
+    return;
+  }
+  std::ofstream out(file, std::ios::binary);
+  out << json << '\n';
+  out.close();
+  if (!out) throw IoError(file, "cannot write");
+}
+
+EvaluateOptions options_from(const EvaluateArguments& arguments) {
+  EvaluateOptions options;
+  options.at_m.clear();
+  for (const double at_mm : arguments.at_mm) {
+    if (!(std::isfinite(at_mm) && at_mm > 0))
+      throw CLI::ValidationError("--at", fmt::format("must be positive distances in mm: {}", at_mm));
+    options.at_m.push_back(at_mm * 1e-3);
+  }
+  options.samples = arguments.samples;
+  options.rays_per_view = arguments.rays;
+  options.seed = arguments.seed;
+  options.self_intersections = !arguments.no_self_intersections;
+  return options;
+}
+
+void run(const EvaluateArguments& arguments) {
+  const EvaluateOptions options = options_from(arguments);
+  check_json_file(arguments.json);
+  const std::unique_ptr<Context> context = make_context(arguments.common);
+  Scene scene;
+  TruthViews views;
+  if (!arguments.views.empty()) {
+    scene = read_scene(arguments.views, {}, *context);
+    views = {scene.views.size(), [&scene](std::size_t i) { return load_view(scene.views[i]); }};
+  }
+  const Mesh result = read_mesh(arguments.result), truth = read_mesh(arguments.truth);
+  const Evaluation evaluation = evaluate(result, truth, views, options, *context);
+  if (arguments.json != "-") fmt::print("{}", to_text(evaluation));
+  if (!arguments.json.empty()) write_json(arguments.json, to_json(evaluation));
+}
+
+}  // namespace
+
+void add_evaluate_command(CLI::App& app) {
+  auto arguments = std::make_shared<EvaluateArguments>();
+  CLI::App* command = app.add_subcommand("evaluate", "Measure a mesh against the true surface");
+  command->add_option("result", arguments->result, "Mesh to measure: PLY, OBJ or GLB")->required();
+  command->add_option("truth", arguments->truth, "True mesh: PLY, OBJ or GLB")->required();
+  command->add_option("--views", arguments->views,
+                      "Scene with true poses and noiseless range images (truth/scene.json of `simulate`): completeness "
+                      "of what was seen, and rays");
+  command->add_option("--at", arguments->at_mm, "Distances for precision, completeness and F-score, mm")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--samples", arguments->samples, "Points spread on each of the two surfaces")
+      ->check(CLI::Range(std::size_t(1), std::size_t(100'000'000)))
+      ->capture_default_str();
+  command->add_option("--rays", arguments->rays, "Rays through each view, at most")
+      ->check(CLI::Range(std::size_t(0), std::size_t(1'000'000'000)))
+      ->capture_default_str();
+  command->add_option("--json", arguments->json,
+                      "Write the figures as JSON to this file; - is standard output, "
+                      "instead of the table");
+  command->add_flag("--no-self-intersections", arguments->no_self_intersections, "Do not look for self-intersections");
+  command->add_option("--seed", arguments->seed, "Of the samples and rays")->capture_default_str();
+  add_common_options(*command, arguments->common);
+  command->callback([arguments] { run(*arguments); });
+}
+
+}  // namespace lapseam::tool

@@ -1,0 +1,81 @@
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "command.h"
+#include "lapseam/error.h"
+#include "lapseam/integrate.h"
+#include "lapseam/io.h"
+
+namespace lapseam::tool {
+namespace {
+
+struct IntegrateArguments {
+  CommonOptions common;
+  std::string scene, output, report;
+  bool no_texture = false, skip_bad_views = false;
+  int hold_out = 0, page_size = 4096;
+};
+
+// Refused before the work starts, not after it.
+void check_output(const std::filesystem::path& output) {
+  const std::string ending = output.extension().string();
+  if (ending != ".ply" && ending != ".glb" && ending != ".obj")
+    throw CLI::ValidationError("--output", "must end in .ply, .glb or .obj: " + output.string());
+  const auto folder = output.has_parent_path() ? output.parent_path() : std::filesystem::path(".");
+  if (!std::filesystem::is_directory(folder)) throw IoError(folder, "no such folder");
+}
+
+void write_report(const std::string& file, const IntegrateReport& report, const Context& context) {
+  std::ofstream out(file, std::ios::binary);
+  out << to_json(report, context) << '\n';
+  out.close();
+  if (!out) throw IoError(file, "cannot write");
+}
+
+void run(const IntegrateArguments& arguments) {
+  check_output(arguments.output);
+  const std::unique_ptr<Context> context = make_context(arguments.common);
+  const Scene scene = read_scene(arguments.scene, {.skip_bad_views = arguments.skip_bad_views}, *context);
+
+  IntegrateOptions options;
+  options.hold_out = arguments.hold_out;
+  options.skip_bad_views = arguments.skip_bad_views;
+  options.atlas.page_size = arguments.page_size;
+  options.check_self_intersections = !arguments.report.empty();
+  const bool is_ply = std::filesystem::path(arguments.output).extension() == ".ply";
+  options.color = arguments.no_texture ? ColorOutput::kNone : is_ply ? ColorOutput::kVertices : ColorOutput::kAtlas;
+
+  const IntegrateResult result = integrate(scene, options, *context);
+  {
+    StageScope stage(*context, "write");
+    write_mesh(result.mesh, arguments.output);
+  }
+  if (!arguments.report.empty()) write_report(arguments.report, result.report, *context);
+  const MeshHealth& health = result.report.health;
+  fmt::print("{}: {} vertices, {} triangles from {} views; {} components, {} boundary edges, {} non-manifold edges\n",
+             arguments.output, result.mesh.vertex_count(), result.mesh.triangle_count(), result.report.views.size(),
+             health.components, health.boundary_edges, health.nonmanifold_edges);
+}
+
+}  // namespace
+
+void add_integrate_command(CLI::App& app) {
+  auto arguments = std::make_shared<IntegrateArguments>();
+  CLI::App* command = app.add_subcommand("integrate", "Integrate the views of a scene into one textured mesh");
+  command->add_option("scene", arguments->scene, "scene.json, a Stanford .conf, or a folder that is recognised")->required();
+  command->add_option("-o,--output", arguments->output, "Result: .ply (vertex colours), .glb or .obj (texture)")->required();
+  command->add_option("--report", arguments->report, "Write a report of stages, thresholds and mesh health, as JSON");
+  command->add_flag("--no-texture", arguments->no_texture, "Geometry only");
+  command->add_option("--hold-out", arguments->hold_out, "Leave out every Nth view, from the first, for measuring")
+      ->check(CLI::Range(2, 1'000'000));
+  command->add_option("--page-size", arguments->page_size, "Largest texture page, pixels")
+      ->check(CLI::Range(64, 16384))
+      ->capture_default_str();
+  command->add_flag("--skip-bad-views", arguments->skip_bad_views, "Leave out unusable views with a warning");
+  add_common_options(*command, arguments->common);
+  command->callback([arguments] { run(*arguments); });
+}
+
+}  // namespace lapseam::tool
