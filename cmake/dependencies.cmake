@@ -4,7 +4,7 @@ find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 find_package(TBB REQUIRED)
 find_package(embree 3.13 REQUIRED)
 find_package(nanoflann REQUIRED)
-find_package(OpenEXR 3.1 REQUIRED)
+find_package(OpenEXR 3.1 REQUIRED QUIET)  # or Imath's package talks at length about its Python library
 find_package(nlohmann_json 3.11 REQUIRED)
 find_package(fmt 9 REQUIRED)
 find_package(PkgConfig REQUIRED)

@@ -161,6 +161,7 @@ class Integration {
       result_.report.views[i].overlap = removal.add(std::span(patches_).first(i + 1), context_);
       stage.advance();
     }
+    result_.report.triangles_in_islands = lapseam::remove_islands(patches_, options_.smallest_island, context_);
     for (std::size_t i = 0; i < patches_.size(); ++i)
       result_.report.views[i].triangles_in_model = patches_[i].grid.alive_count();
   }

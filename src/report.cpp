@@ -57,6 +57,7 @@ std::string to_json(const IntegrateReport& report, const Context& context) {
   json["registration_error_m"] = report.registration_error_m;
   json["views_left_out"] = report.views_left_out;
   for (const ViewReport& view : report.views) json["views"].push_back(of_view(view));
+  json["triangles_in_islands"] = report.triangles_in_islands;
   json["sew"] = {{"active_edges", report.sew.active_edges},
                  {"front_triangles", report.sew.front_triangles},
                  {"loop_triangles", report.sew.loop_triangles},

@@ -35,6 +35,8 @@ struct IntegrateOptions {
   int hold_out = 0;
   /// Leave out views that cannot be loaded, with a warning, instead of failing.
   bool skip_bad_views = false;
+  /// Pieces of a view smaller than this that overlap removal cut out are given to the seam between their neighbours.
+  std::uint64_t smallest_island = 40;
   /// Connected pieces of fewer triangles are dropped: noise, not surface.
   std::uint64_t smallest_component = 20;
   /// Count self-intersecting triangles in the report; exact, and about as slow as the sewing.
@@ -66,6 +68,7 @@ struct IntegrateReport {
   std::vector<ViewReport> views;
   std::map<std::string, SensorReport> sensors;  ///< by sensor id
   double registration_error_m = 0;
+  std::uint64_t triangles_in_islands = 0;  ///< removed as confetti before sewing
   SewReport sew;
   std::uint64_t pinched_vertices_split = 0;
   std::uint64_t triangles_in_small_components = 0;

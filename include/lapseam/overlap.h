@@ -53,4 +53,8 @@ class OverlapRemoval {
   std::unique_ptr<Impl> impl_;
 };
 
+/// Kills connected pieces of a view's alive triangles that are smaller than `smallest` and were cut out by overlap: confetti
+/// between two views that are about equally good. Pieces that the view saw as they are stay. Returns the triangles killed.
+std::uint64_t remove_islands(std::span<Patch> patches, std::uint64_t smallest, Context& context);
+
 }  // namespace lapseam

@@ -8,6 +8,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "lapseam/image.h"
@@ -51,6 +52,14 @@ struct PatchGrid {
 
   /// Pixel indices of a triangle's corners, counter-clockwise seen from the sensor.
   std::array<std::uint32_t, 3> corners(std::size_t cell, int slot) const;
+  /// A triangle's place in the grid.
+  struct Place {
+    std::size_t cell;
+    int slot;
+  };
+  /// Where the triangle's neighbour across its edge between corner pixels p and q is, or would be if it existed; nothing
+  /// beyond the image.
+  std::optional<Place> neighbor_across(std::size_t cell, int slot, std::uint32_t p, std::uint32_t q) const;
   std::size_t alive_count() const;
 };
 

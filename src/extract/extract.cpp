@@ -1,7 +1,6 @@
 #include "lapseam/extract.h"
 
 #include <cmath>
-#include <optional>
 
 #include "core/parallel.h"
 
@@ -10,38 +9,6 @@ namespace {
 
 // Floats hold a millimetre's hundredth up to here; scenes farther out get an origin of their own.
 constexpr double kFarFromOrigin_m = 100.0;
-
-struct Neighbor {
-  std::size_t cell;
-  int slot;
-};
-
-// The neighbour of a triangle across its edge between corner pixels p and q; nothing beyond the image.
-std::optional<Neighbor> neighbor_across(const PatchGrid& grid, std::size_t cell, int slot, std::uint32_t p,
-                                        std::uint32_t q) {
-  const auto w = std::size_t(grid.width);
-  const std::size_t u = cell % w, v = cell / w;
-  const std::size_t right = u + 1 < w ? cell + 1 : cell - u;
-  const auto is_edge = [&](std::size_t x, std::size_t y) { return (p == x && q == y) || (p == y && q == x); };
-  const auto is_anti_cell = [&](std::size_t c) { return (grid.cells[c] & PatchGrid::kAntiDiagonal) != 0; };
-  if (is_edge(cell, cell + w)) {  // left: the triangle with the right edge is always slot 1
-    if (u > 0) return Neighbor{cell - 1, 1};
-    return grid.wraps ? std::optional(Neighbor{cell + w - 1, 1}) : std::nullopt;
-  }
-  if (is_edge(right, right + w)) {  // right: the triangle with the left edge is always slot 0
-    if (u + 1 < w) return Neighbor{right, 0};
-    return grid.wraps ? std::optional(Neighbor{right, 0}) : std::nullopt;
-  }
-  if (is_edge(cell, right)) {  // top
-    if (v == 0) return std::nullopt;
-    return Neighbor{cell - w, is_anti_cell(cell - w) ? 1 : 0};
-  }
-  if (is_edge(cell + w, right + w)) {  // bottom
-    if (v + 2 >= std::size_t(grid.height)) return std::nullopt;
-    return Neighbor{cell + w, is_anti_cell(cell + w) ? 0 : 1};
-  }
-  return Neighbor{cell, 1 - slot};  // the diagonal
-}
 
 struct PatchExtent {
   std::vector<std::uint32_t> vertex_of_pixel;
@@ -88,7 +55,7 @@ void fill_patch(const Patch& patch, std::uint32_t view, PatchExtent& extent, Mes
       for (std::size_t k = 0; k < 3; ++k) t[k] = extent.first_vertex + extent.vertex_of_pixel[corners[k]];
       mesh.triangle_view[triangle] = view;
       for (std::size_t k = 0; k < 3; ++k) {
-        const auto neighbor = neighbor_across(patch.grid, cell, slot, corners[k], corners[(k + 1) % 3]);
+        const auto neighbor = patch.grid.neighbor_across(cell, slot, corners[k], corners[(k + 1) % 3]);
         if (neighbor && patch.grid.exists(neighbor->cell, neighbor->slot) &&
             !patch.grid.is_alive(neighbor->cell, neighbor->slot))
           extent.active.push_back({t[k], t[(k + 1) % 3], triangle});

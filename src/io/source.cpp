@@ -26,7 +26,17 @@ bool looks_like_json(std::string_view text) {
   return !text.empty() && text.front() == '{';
 }
 
+std::string printable(std::string text) {
+  for (char& c : text)
+    if ((c >= 0 && c < ' ') || c == '\x7F') c = '?';
+  return text;
+}
+
 }  // namespace
+
+void Source::refuse(const std::string& field, const std::string& problem) const {
+  throw InvalidInput(file, view, printable(field), printable(problem));
+}
 
 std::string to_string(ImageSize size) { return std::to_string(size.width) + " x " + std::to_string(size.height); }
 

@@ -16,9 +16,8 @@ struct Source {
   std::filesystem::path file;
   std::string view;  ///< empty when the file belongs to no view
 
-  [[noreturn]] void refuse(const std::string& field, const std::string& problem) const {
-    throw InvalidInput(file, view, field, problem);
-  }
+  /// Throws InvalidInput. Control characters, which names in damaged files may hold, become question marks.
+  [[noreturn]] void refuse(const std::string& field, const std::string& problem) const;
 };
 
 struct ImageSize {

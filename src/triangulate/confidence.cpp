@@ -15,6 +15,8 @@ constexpr double kSpacingShare = 0.25;
 // Confidence rises from kBorderShare at a border to 1 this many samples inside.
 constexpr int kBorderRamp_px = 12;
 constexpr float kBorderShare = 0.3f;
+// Who wins must not flicker with the noise of the incidence: confidence is averaged over windows of this radius, twice.
+constexpr int kAveraging_px = 8;
 // Normals for the incidence come from differences over this many samples either side, of range smoothed at these taps.
 constexpr int kBaseline_px = 3;
 constexpr int kTaps[] = {1, 2, 4};
@@ -132,6 +134,37 @@ class IncidenceMeasure {
   int width_, height_;
 };
 
+// Mean over a window along one axis of the image, of samples in use only (confidence > 0), by running sums.
+void average_along(Image<float>& image, bool is_along_u, bool wraps_u, Context& context) {
+  const int lines = is_along_u ? image.height : image.width, length = is_along_u ? image.width : image.height;
+  const bool is_ring = is_along_u && wraps_u;
+  parallel_blocks(context, std::size_t(lines), 16, [&](std::size_t begin, std::size_t end) {
+    std::vector<double> sum(std::size_t(length) + 1);
+    std::vector<int> count(std::size_t(length) + 1);
+    for (int line = int(begin); line < int(end); ++line) {
+      const auto at = [&](int i) -> float& { return is_along_u ? image.at(i, line) : image.at(line, i); };
+      for (int i = 0; i < length; ++i) {
+        sum[std::size_t(i) + 1] = sum[std::size_t(i)] + double(at(i));
+        count[std::size_t(i) + 1] = count[std::size_t(i)] + (at(i) > 0 ? 1 : 0);
+      }
+      const auto window = [&](int first, int last, double& s, int& n) {  // [first, last), inside the line
+        s += sum[std::size_t(last)] - sum[std::size_t(first)];
+        n += count[std::size_t(last)] - count[std::size_t(first)];
+      };
+      for (int i = 0; i < length; ++i) {
+        if (!(at(i) > 0)) continue;
+        const int first = i - kAveraging_px, last = i + kAveraging_px + 1;
+        double s = 0;
+        int n = 0;
+        window(std::max(0, first), std::min(length, last), s, n);
+        if (is_ring && first < 0) window(std::max(0, length + first), length, s, n);
+        if (is_ring && last > length) window(0, std::min(length, last - length), s, n);
+        at(i) = float(s / n);
+      }
+    }
+  });
+}
+
 }  // namespace
 
 void measure_confidence(Patch& patch, const StepThreshold& threshold, Context& context) {
@@ -156,6 +189,10 @@ void measure_confidence(Patch& patch, const StepThreshold& threshold, Context& c
         patch.incidence.pixels[i] = std::uint8_t(std::lround(cosine * 255.0f));
       }
   });
+  for (int pass = 0; pass < 2; ++pass) {
+    average_along(patch.confidence, true, patch.grid.wraps, context);
+    average_along(patch.confidence, false, patch.grid.wraps, context);
+  }
 }
 
 }  // namespace lapseam

@@ -143,6 +143,16 @@ TEST_F(HostileExr, AnAttributeLongerThanTheFile) {
   }
 }
 
+TEST_F(HostileExr, NamesWithLineBreaksStayOneLine) {
+  std::string changed = bytes;
+  const std::string start = std::string("lapseam:sensor") + '\0' + "string" + '\0';
+  const std::size_t at = changed.find(start);
+  ASSERT_NE(at, std::string::npos);
+  changed.replace(at + 15, 3, "a\nb");  // of the type
+  write_bytes(folder / "b.exr", changed);
+  expect_refused([&] { read_all(folder / "b.exr"); }, {"b.exr", "lapseam:sensor", "a?b"});
+}
+
 TEST_F(HostileExr, APoseThatIsNoPose) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   std::string number(sizeof nan, '\0');

@@ -14,7 +14,8 @@ namespace lapseam {
 namespace {
 
 constexpr int kWidth = 120, kHeight = 90;
-const Eigen::Vector3d kMissing(std::numeric_limits<double>::quiet_NaN(), 0, 0);
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+const Eigen::Vector3d kMissing(kNan, 0, 0);
 
 // Where the ray of pixel (u, v) is at depth z.
 using PointAt = std::function<Eigen::Vector3d(double u, double v, double z)>;
@@ -184,7 +185,7 @@ TEST(MeasuredGrid, RejectsPointsBehindTheSensor) {
   PixelRange out;
   EXPECT_FALSE(s.grid.sensor.project({0, 0, -1}, out));
   EXPECT_FALSE(s.grid.sensor.project({0.1, 0.1, -0.01}, out));
-  EXPECT_FALSE(s.grid.sensor.project({NAN, 0, 1}, out));
+  EXPECT_FALSE(s.grid.sensor.project({kNan, 0, 1}, out));
 }
 
 TEST(MeasuredGrid, RejectsDegenerateSamples) {

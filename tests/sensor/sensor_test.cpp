@@ -3,7 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
-#include <algorithm>
+#include <cmath>
+#include <limits>
 #include <numbers>
 #include <random>
 #include <vector>
@@ -12,6 +13,7 @@ namespace lapseam {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 // unproject -> project gives the pixel back; project -> unproject gives the point back.
 template <typename S>
@@ -86,8 +88,8 @@ TEST(Pinhole, RejectsPointsBehind) {
   PixelRange out;
   EXPECT_FALSE(sensor.project({0.1, 0.1, 0}, out));
   EXPECT_FALSE(sensor.project({0.1, 0.1, -1}, out));
-  EXPECT_FALSE(sensor.project({NAN, 0.1, 1}, out));
-  EXPECT_FALSE(sensor.project({0.1, 0.1, NAN}, out));
+  EXPECT_FALSE(sensor.project({kNan, 0.1, 1}, out));
+  EXPECT_FALSE(sensor.project({0.1, 0.1, kNan}, out));
 }
 
 TEST(Orthographic, IsInvertible) {
@@ -168,7 +170,7 @@ TEST(Spherical, RejectsWhatIsOutsideTheTable) {
   EXPECT_FALSE(sensor.project({std::cos(1.001), std::sin(1.001), 0}, out));
   EXPECT_TRUE(sensor.project({std::cos(0.999), std::sin(0.999), 0}, out));
   EXPECT_FALSE(sensor.project({0, 0, 1}, out));
-  EXPECT_FALSE(sensor.project({NAN, 0, 1}, out));
+  EXPECT_FALSE(sensor.project({kNan, 0, 1}, out));
 }
 
 TEST(AnySensor, HandednessIsTheSignOfColumnsRowsAndRay) {
