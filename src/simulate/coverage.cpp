@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "core/parallel.h"
+#include "lapseam/error.h"
 #include "simulate/counter_rng.h"
 
 namespace lapseam::simulation {
@@ -41,6 +43,18 @@ std::vector<std::uint32_t> find_visible(const SurfaceSamples& samples, const Ray
     if (!rays.is_occluded(start, eye - start, 0, 1)) out.push_back(std::uint32_t(i));
   }
   return out;
+}
+
+std::vector<std::vector<std::uint32_t>> find_visible_from(const std::vector<Vector3f>& places,
+                                                          const SurfaceSamples& samples, const RayScene& rays,
+                                                          const SightLimits& limits, const std::string& scene_name,
+                                                          Context& context) {
+  std::vector<std::vector<std::uint32_t>> seen(places.size());
+  parallel_for(context, places.size(), 2,
+               [&](std::size_t i) { seen[i] = find_visible(samples, rays, places[i], limits); });
+  if (std::all_of(seen.begin(), seen.end(), [](const auto& s) { return s.empty(); }))
+    throw InvalidInput({}, scene_name, "trajectory", "where there is room to stand, no front of a surface is in sight");
+  return seen;
 }
 
 std::vector<std::size_t> choose_places(const std::vector<Vector3f>& places,

@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "lapseam/mesh.h"
@@ -25,8 +26,15 @@ struct SightLimits {
 std::vector<std::uint32_t> find_visible(const SurfaceSamples& samples, const RayScene& rays, const Eigen::Vector3f& eye,
                                         const SightLimits& limits);
 
+/// find_visible for every place. Throws InvalidInput, naming the scene, when no place sees anything: a closed surface seen
+/// from its inside.
+std::vector<std::vector<std::uint32_t>> find_visible_from(const std::vector<Eigen::Vector3f>& places,
+                                                          const SurfaceSamples& samples, const RayScene& rays,
+                                                          const SightLimits& limits, const std::string& scene_name,
+                                                          Context& context);
+
 /// Chooses up to `count` of the places, each the one that sees most of what those before it did not; once nothing new
-/// is seen, the one farthest from all before it. seen: per place, from find_visible.
+/// is seen, the one farthest from all before it. seen: from find_visible_from.
 std::vector<std::size_t> choose_places(const std::vector<Eigen::Vector3f>& places,
                                        const std::vector<std::vector<std::uint32_t>>& seen, std::size_t samples,
                                        std::size_t count);

@@ -160,9 +160,7 @@ Poses plan_stations(const SimulatedScene& scene, const SensorRig& rig, const Tra
 
   const SurfaceSamples samples = sample_surface(scene.mesh, 8000, options.seed);
   const SightLimits limits{float(rig.effects.min_range_m), float(std::min(rig.effects.max_range_m, 1e6)), 0.17f};
-  std::vector<std::vector<std::uint32_t>> seen(places.size());
-  parallel_for(context, places.size(), 4,
-               [&](std::size_t i) { seen[i] = find_visible(samples, rays, places[i], limits); });
+  const auto seen = find_visible_from(places, samples, rays, limits, scene.name, context);
   Poses poses;
   const CounterRng rng(options.seed, Stream::kTrajectory, 2);
   for (const std::size_t i : choose_places(places, seen, samples.points.size(), std::size_t(options.views))) {

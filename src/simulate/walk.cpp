@@ -203,14 +203,6 @@ Eigen::AlignedBox3f walking_box(const SimulatedScene& scene) {
   return box;
 }
 
-std::vector<std::vector<std::uint32_t>> visible_from_all(const std::vector<Vector3f>& eyes,
-                                                         const SurfaceSamples& samples, const RayScene& rays,
-                                                         const SightLimits& limits, Context& context) {
-  std::vector<std::vector<std::uint32_t>> seen(eyes.size());
-  parallel_for(context, eyes.size(), 2, [&](std::size_t i) { seen[i] = find_visible(samples, rays, eyes[i], limits); });
-  return seen;
-}
-
 }  // namespace
 
 Poses plan_walk(const SimulatedScene& scene, const SensorRig& rig, const TrajectoryOptions& options, Context& context) {
@@ -236,7 +228,7 @@ Poses plan_walk(const SimulatedScene& scene, const SensorRig& rig, const Traject
   std::vector<std::uint32_t> stop_cells;
   std::vector<Vector3f> stop_places;
   for (const std::size_t i :
-       choose_places(places, visible_from_all(places, samples, rays, limits, context), samples.points.size(), stops)) {
+       choose_places(places, find_visible_from(places, samples, rays, limits, scene.name, context), samples.points.size(), stops)) {
     stop_cells.push_back(cells[i]);
     stop_places.push_back(places[i]);
   }
@@ -251,7 +243,7 @@ Poses plan_walk(const SimulatedScene& scene, const SensorRig& rig, const Traject
   const std::vector<Vector3f> eyes = spread_along(path, std::size_t(options.views));
   const Frustum frustum(rig.sensor);
   const std::vector<Vector3f> forward =
-      GazePlanner(samples, frustum, eyes, visible_from_all(eyes, samples, rays, limits, context), context).plan();
+      GazePlanner(samples, frustum, eyes, find_visible_from(eyes, samples, rays, limits, scene.name, context), context).plan();
 
   Poses poses;
   for (std::size_t i = 0; i < eyes.size(); ++i) {

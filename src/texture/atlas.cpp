@@ -86,6 +86,8 @@ AtlasReport build_atlas(Mesh& mesh, std::span<const ViewSource> sources, const A
   Charts charts = make_charts(mesh, sources, options.padding_px, options.page_size, context);
   const std::vector<PageSize> sizes = pack(charts.charts, options.page_size);
   set_texcoords(mesh, charts, sizes);
+  for (std::size_t i = 0; i < mesh.triangle_count(); ++i)
+    if (charts.view_of_triangle[i] != kInvalidIndex) mesh.triangle_view[i] = charts.view_of_triangle[i];
 
   AtlasReport report;
   report.charts = charts.charts.size();

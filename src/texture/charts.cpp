@@ -12,14 +12,14 @@ namespace lapseam {
 namespace {
 
 // Root triangle of each triangle's region: same view, joined by edges.
-std::vector<std::uint32_t> find_regions(const Mesh& mesh, const std::vector<std::uint8_t>& is_textured) {
+std::vector<std::uint32_t> find_regions(const Mesh& mesh, const std::vector<std::uint32_t>& view_of_triangle) {
   struct Side {
     std::uint64_t edge;
     std::uint32_t triangle;
   };
   std::vector<Side> sides;
   for (std::uint32_t i = 0; i < mesh.triangle_count(); ++i) {
-    if (!is_textured[i]) continue;
+    if (view_of_triangle[i] == kInvalidIndex) continue;
     for (std::size_t k = 0; k < 3; ++k) {
       const std::uint64_t a = mesh.triangles[i][k], b = mesh.triangles[i][(k + 1) % 3];
       sides.push_back({a < b ? a << 32 | b : b << 32 | a, i});
@@ -30,7 +30,7 @@ std::vector<std::uint32_t> find_regions(const Mesh& mesh, const std::vector<std:
   DisjointSets sets(mesh.triangle_count());
   for (std::size_t i = 0; i + 1 < sides.size(); ++i)
     if (sides[i].edge == sides[i + 1].edge &&
-        mesh.triangle_view[sides[i].triangle] == mesh.triangle_view[sides[i + 1].triangle])
+        view_of_triangle[sides[i].triangle] == view_of_triangle[sides[i + 1].triangle])
       sets.unite(sides[i].triangle, sides[i + 1].triangle);
   std::vector<std::uint32_t> root(mesh.triangle_count());
   for (std::uint32_t i = 0; i < root.size(); ++i) root[i] = sets.find(i);
@@ -79,28 +79,33 @@ Charts make_charts(const Mesh& mesh, std::span<const ViewSource> sources, int pa
   for (std::size_t i = 0; i < sources.size(); ++i)
     if (sources[i].color) projections[i] = std::make_unique<ColorProjection>(sources[i], mesh.origin_m);
 
-  std::vector<std::uint8_t> is_textured(mesh.triangle_count(), 0);
-  parallel_for(context, mesh.triangle_count(), 16384, [&](std::size_t i) {
-    const std::uint32_t view = mesh.triangle_view[i];
-    if (view >= projections.size() || !projections[view]) return;
+  out.view_of_triangle.assign(mesh.triangle_count(), kInvalidIndex);
+  const auto try_view = [&](std::size_t i, std::uint32_t view) {
+    if (view >= projections.size() || !projections[view]) return false;
     auto& p = out.source_pixels[i];
     for (std::size_t k = 0; k < 3; ++k)
-      if (!projections[view]->project(mesh.positions_m[mesh.triangles[i][k]], p[k])) return;
+      if (!projections[view]->project(mesh.positions_m[mesh.triangles[i][k]], p[k])) return false;
     if (projections[view]->wraps()) unwrap(p, projections[view]->width());
-    is_textured[i] = 1;
+    out.view_of_triangle[i] = view;
+    return true;
+  };
+  parallel_for(context, mesh.triangle_count(), 16384, [&](std::size_t i) {
+    if (try_view(i, mesh.triangle_view[i])) return;
+    for (const std::uint32_t v : mesh.triangles[i])
+      if (!mesh.vertex_view.empty() && try_view(i, mesh.vertex_view[v])) return;
   });
 
-  const std::vector<std::uint32_t> root = find_regions(mesh, is_textured);
+  const std::vector<std::uint32_t> root = find_regions(mesh, out.view_of_triangle);
   std::vector<Box> region_box(mesh.triangle_count());
   for (std::size_t i = 0; i < root.size(); ++i)
-    if (is_textured[i]) region_box[root[i]].extend(out.source_pixels[i]);
+    if (out.view_of_triangle[i] != kInvalidIndex) region_box[root[i]].extend(out.source_pixels[i]);
 
   // A region too large for a page is cut along a grid of half pages, by triangle centroid.
   const float room = float(largest_px - 2 * padding_px - 2);
   std::map<std::array<std::uint32_t, 3>, std::uint32_t> chart_of_piece;
   std::vector<Box> boxes;
   for (std::size_t i = 0; i < root.size(); ++i) {
-    if (!is_textured[i]) continue;
+    if (out.view_of_triangle[i] == kInvalidIndex) continue;
     const Box& box = region_box[root[i]];
     std::array<std::uint32_t, 3> piece = {root[i], 0, 0};
     if (box.u1 - box.u0 > room || box.v1 - box.v0 > room) {
@@ -112,7 +117,7 @@ Charts make_charts(const Mesh& mesh, std::span<const ViewSource> sources, int pa
     if (is_new) {
       boxes.emplace_back();
       out.charts.push_back({});
-      out.charts.back().view = mesh.triangle_view[i];
+      out.charts.back().view = out.view_of_triangle[i];
     }
     boxes[it->second].extend(out.source_pixels[i]);
     out.chart_of_triangle[i] = it->second;

@@ -36,11 +36,13 @@ struct Chart {
 
 struct Charts {
   std::vector<Chart> charts;
+  std::vector<std::uint32_t> view_of_triangle;                 ///< whose image textures it; the mesh's, or a seam's other one
   std::vector<std::uint32_t> chart_of_triangle;                ///< kInvalidIndex: untextured
   std::vector<std::array<Eigen::Vector2f, 3>> source_pixels;   ///< per triangle, in its source image
 };
 
-/// Charts whose rectangle would exceed `largest_px` are cut into pieces. Numbered by their first triangle.
+/// A triangle is textured from its own view; where that one's camera does not see all of it (seams at the frame of an
+/// image), from the first of its corners' views that does. Charts whose rectangle would exceed `largest_px` are cut into pieces. Numbered by their first triangle.
 Charts make_charts(const Mesh& mesh, std::span<const ViewSource> sources, int padding_px, int largest_px,
                    Context& context);
 

@@ -103,6 +103,18 @@ TEST(Atlas, WithoutColourOrOutsideTheImageIsUntextured) {
   EXPECT_THROW(build_atlas(mesh, sources, {.page_size = 8}, context), InvalidInput);
 }
 
+TEST(Atlas, SeamAtTheFrameTakesTheOtherView) {
+  const PinholeSensor camera{100, 100, 100, 100, 49.5, 49.5, {}};
+  std::vector<ViewSource> sources = {colored_source(camera, 10), colored_source(camera, 20)};
+  sources[1].T_world_view.translation().x() = 0.4;  // sees 40 pixels farther right
+  Mesh mesh;
+  append_square(mesh, camera, 80, 10, 120, 40, 0);
+  for (std::size_t k = 0; k < 4; ++k) mesh.vertex_view[k] = k < 2 ? 0 : 1;
+  Context context(1);
+  EXPECT_EQ(build_atlas(mesh, sources, {}, context).untextured_triangles, 0u);
+  EXPECT_EQ(mesh.triangle_view, (std::vector<std::uint32_t>{1, 1}));
+}
+
 TEST(ColorVertices, TakesTheViewsOwnPixel) {
   const PinholeSensor camera{200, 150, 120, 120, 99.5, 74.5, {}};
   const std::vector<ViewSource> sources = {colored_source(camera, 10), ViewSource{}};
