@@ -64,6 +64,10 @@ class Context {
   std::atomic<bool> cancelled_{false};
 };
 
+/// For programs, not for libraries: lets contexts of this process have up to `threads` threads, where that is more than
+/// the machine has processors. Without it they get fewer than they asked for. The one process-wide switch there is.
+void allow_threads(int threads);
+
 /// Marks a stage while it lives: times it, records memory, reports progress. Stages of the same name add up.
 class StageScope {
  public:

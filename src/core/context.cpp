@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <exception>
+#include <memory>
 #include <mutex>
 #include <thread>
 
@@ -36,6 +37,15 @@ tbb::task_arena& arena_of(Context& context) { return context.impl().arena; }
 Context::Context(int threads)
     : impl_(std::make_unique<Impl>(threads > 0 ? threads : int(std::max(1u, std::thread::hardware_concurrency())))) {}
 Context::~Context() = default;
+
+void allow_threads(int threads) {
+  static std::mutex mutex;
+  static std::unique_ptr<tbb::global_control> limit;
+  const std::scoped_lock lock(mutex);
+  const auto wanted = std::size_t(std::max(threads, 1));
+  if (wanted <= tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism)) return;
+  limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, wanted);
+}
 
 int Context::threads() const { return impl_->arena.max_concurrency(); }
 

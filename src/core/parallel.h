@@ -4,6 +4,7 @@
 // the grain alone, reductions join in a fixed tree, sorts need a total order.
 
 #include <tbb/blocked_range.h>
+#include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_reduce.h>
 #include <tbb/parallel_sort.h>

@@ -4,6 +4,8 @@
 #include <bit>
 #include <cstring>
 #include <fstream>
+#include <string_view>
+#include <utility>
 
 namespace lapseam {
 namespace {
@@ -47,6 +49,55 @@ void check_data_window(const Source& source, const Box& box, std::uint64_t file_
   check_image_size(source, std::uint64_t(width), std::uint64_t(height), file_bytes, kMaxPixelsPerByte);
 }
 
+/// Types of one size only. OpenEXR reads that many bytes whatever size the file claims, and goes on from there.
+constexpr std::array<std::pair<std::string_view, std::int32_t>, 24> kFixedSizes{{
+    {"box2i", 16},      {"box2f", 16},   {"chromaticities", 32},
+    {"compression", 1}, {"double", 8},   {"envmap", 1},
+    {"float", 4},       {"int", 4},      {"keycode", 28},
+    {"lineOrder", 1},   {"m33f", 36},    {"m33d", 72},
+    {"m44f", 64},       {"m44d", 128},   {"rational", 8},
+    {"tiledesc", 9},    {"timecode", 8}, {"v2i", 8},
+    {"v2f", 8},         {"v2d", 16},     {"v3i", 12},
+    {"v3f", 12},        {"v3d", 24},     {"deepImageState", 1},
+}};
+
+/// A list of channels: names with 16 bytes each, ended by an empty name.
+bool is_channel_list(std::istream& stream, std::uint64_t end) {
+  std::string name;
+  while (read_name(stream, name) && !name.empty()) stream.seekg(16, std::ios::cur);
+  return bool(stream) && std::uint64_t(stream.tellg()) == end;
+}
+
+/// Texts, each after its length.
+bool is_text_list(std::istream& stream, std::uint64_t end) {
+  while (stream && std::uint64_t(stream.tellg()) < end) {
+    std::int32_t length = 0;
+    if (!read_value(stream, length) || length < 0 || std::uint64_t(length) > end) return false;
+    stream.seekg(length, std::ios::cur);
+  }
+  return bool(stream) && std::uint64_t(stream.tellg()) == end;
+}
+
+/// Width, height, and four bytes a pixel.
+bool is_preview(std::istream& stream, std::int32_t size) {
+  std::uint32_t width = 0, height = 0;
+  if (size < 8 || !read_value(stream, width) || !read_value(stream, height)) return false;
+  return width < 65536 && height < 65536 && std::uint64_t(width) * height * 4 + 8 == std::uint64_t(size);
+}
+
+/// Whether the value takes as many bytes as the header says: where it does not, OpenEXR would take what follows for
+/// something else than it is here.
+bool has_right_size(std::istream& stream, std::string_view type, std::int32_t size) {
+  for (const auto& [fixed_type, fixed_size] : kFixedSizes)
+    if (type == fixed_type) return size == fixed_size;
+  const std::uint64_t end = std::uint64_t(stream.tellg()) + std::uint64_t(size);
+  if (type == "chlist") return is_channel_list(stream, end);
+  if (type == "stringvector") return is_text_list(stream, end);
+  if (type == "preview") return is_preview(stream, size);
+  if (type == "floatvector") return size % 4 == 0;
+  return true;  // as long as it says, whatever it is
+}
+
 /// The attributes of one header; false when there are none, which ends a list of headers.
 bool check_header(const Source& source, std::istream& stream, std::uint64_t file_bytes) {
   std::string name, type;
@@ -58,9 +109,13 @@ bool check_header(const Source& source, std::istream& stream, std::uint64_t file
     const auto position = std::uint64_t(stream.tellg());
     if (size < 0 || std::uint64_t(size) > file_bytes - position)
       source.refuse(name, "damaged EXR image: the attribute does not fit the file");
+    // Compressed tables of object names, which can ask for any amount of memory, come with deep images only.
+    if (type == "idmanifest") source.refuse(name, "EXR images with an id manifest cannot be read");
+    if (!has_right_size(stream, type, size))
+      source.refuse(name, "damaged EXR image: the attribute has not the size of its type");
     Box box{};
-    if (name == "dataWindow" && type == "box2i" && size == sizeof box && read_value(stream, box))
-      check_data_window(source, box, file_bytes);
+    stream.seekg(std::streamoff(position));
+    if (name == "dataWindow" && type == "box2i" && read_value(stream, box)) check_data_window(source, box, file_bytes);
     stream.seekg(std::streamoff(position + std::uint64_t(size)));
   }
   source.refuse({}, "damaged EXR image: the header has no end");

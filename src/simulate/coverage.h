@@ -26,8 +26,8 @@ struct SightLimits {
 std::vector<std::uint32_t> find_visible(const SurfaceSamples& samples, const RayScene& rays, const Eigen::Vector3f& eye,
                                         const SightLimits& limits);
 
-/// find_visible for every place. Throws InvalidInput, naming the scene, when no place sees anything: a closed surface seen
-/// from its inside.
+/// find_visible for every place. Throws InvalidInput, naming the scene, when no place sees anything: a closed surface
+/// seen from its inside.
 std::vector<std::vector<std::uint32_t>> find_visible_from(const std::vector<Eigen::Vector3f>& places,
                                                           const SurfaceSamples& samples, const RayScene& rays,
                                                           const SightLimits& limits, const std::string& scene_name,

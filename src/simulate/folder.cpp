@@ -126,7 +126,7 @@ class FolderWriter {
     }
     if (report.views == 0) throw InvalidInput(folder_, {}, "views", "none of them measured anything");
     for (std::size_t i = 0; i < records_.size(); ++i)
-      if (records_[i].samples == 0) context.warn("view " + planned_names_[i] + " measured nothing and is left out");
+      if (records_[i].samples == 0) context.warn("view " + measured_[i].name + " measured nothing and is left out");
     const fs::path table_file = folder_ / "truth" / "views.csv";
     std::ofstream out(table_file, std::ios::binary);
     out << table.str();

@@ -6,7 +6,6 @@
 #include <numbers>
 #include <sstream>
 
-#include "core/parallel.h"
 #include "lapseam/error.h"
 #include "simulate/counter_rng.h"
 #include "simulate/coverage.h"

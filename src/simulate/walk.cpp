@@ -228,7 +228,8 @@ Poses plan_walk(const SimulatedScene& scene, const SensorRig& rig, const Traject
   std::vector<std::uint32_t> stop_cells;
   std::vector<Vector3f> stop_places;
   for (const std::size_t i :
-       choose_places(places, find_visible_from(places, samples, rays, limits, scene.name, context), samples.points.size(), stops)) {
+       choose_places(places, find_visible_from(places, samples, rays, limits, scene.name, context),
+                     samples.points.size(), stops)) {
     stop_cells.push_back(cells[i]);
     stop_places.push_back(places[i]);
   }
@@ -243,7 +244,8 @@ Poses plan_walk(const SimulatedScene& scene, const SensorRig& rig, const Traject
   const std::vector<Vector3f> eyes = spread_along(path, std::size_t(options.views));
   const Frustum frustum(rig.sensor);
   const std::vector<Vector3f> forward =
-      GazePlanner(samples, frustum, eyes, find_visible_from(eyes, samples, rays, limits, scene.name, context), context).plan();
+      GazePlanner(samples, frustum, eyes, find_visible_from(eyes, samples, rays, limits, scene.name, context), context)
+          .plan();
 
   Poses poses;
   for (std::size_t i = 0; i < eyes.size(); ++i) {

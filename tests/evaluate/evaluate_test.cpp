@@ -188,6 +188,7 @@ TEST(Evaluate, seed_changes_the_samples_and_threads_do_not) {
   }
   const EvaluateOptions options{.samples = 20'000, .rays_per_view = 5'000};
   std::string expected;
+  allow_threads(8);  // or threads beyond the processors would not be made
   for (const int threads : {1, 2, 3, 8}) {
     Context context(threads);
     const std::string json = to_json(evaluate(result, truth, truth_views({&view, 1}), options, context));

@@ -143,6 +143,17 @@ TEST_F(HostileExr, AnAttributeLongerThanTheFile) {
   }
 }
 
+TEST_F(HostileExr, AnAttributeOfTheWrongSizeForItsType) {
+  // OpenEXR would go on reading in its middle, and take numbers for sizes.
+  for (const std::string& type : {std::string("m44d"), std::string("chlist"), std::string("compression")}) {
+    std::string changed = bytes;
+    const std::size_t at = changed.find('\0' + type + '\0') + type.size() + 2;
+    changed[at] = char(changed[at] + 8);
+    write_bytes(folder / "b.exr", changed);
+    expect_refused([&] { read_all(folder / "b.exr"); }, {"b.exr", "size of its type"});
+  }
+}
+
 TEST_F(HostileExr, NamesWithLineBreaksStayOneLine) {
   std::string changed = bytes;
   const std::string start = std::string("lapseam:sensor") + '\0' + "string" + '\0';

@@ -471,6 +471,7 @@ TEST(Reproducibility, SameBytesForAnyNumberOfThreads) {
   rig.effects.grazing_dropout = 0.5;
   rig.effects.exposure_sigma = 0.1, rig.effects.pose_sigma_m = 0.003, rig.effects.pose_sigma_rad = 0.01;
   std::vector<SimulatedView> first;
+  allow_threads(8);  // or threads beyond the processors would not be made
   for (const int threads : {1, 2, 3, 8}) {
     Context context(threads);
     const SimulatedScene room = make_room({.seed = 5});

@@ -103,6 +103,10 @@ TEST(Walk, RefusesWhereNoOneCanWalk) {
   Context context;
   const SimulatedScene box = make_box_scene({0.2, 0.2, 0.2});
   EXPECT_THROW(make_trajectory(box, make_rgbd_rig(64, 48), {.kind = Trajectory::kWalk}, context), InvalidInput);
+  // There is room within a closed sphere, but all that it shows there is its back.
+  const SimulatedScene sphere = make_sphere_scene(2);
+  for (const Trajectory kind : {Trajectory::kWalk, Trajectory::kStations})
+    EXPECT_THROW(make_trajectory(sphere, make_rgbd_rig(64, 48), {.kind = kind, .views = 3}, context), InvalidInput);
   EXPECT_THROW(make_trajectory(make_room(), make_ortho_rig(64, 48, 1), {.kind = Trajectory::kWalk}, context),
                InvalidInput);
 }

@@ -51,6 +51,7 @@ void add_common_options(CLI::App& command, CommonOptions& options) {
 }
 
 std::unique_ptr<Context> make_context(const CommonOptions& options) {
+  allow_threads(options.threads);
   auto context = std::make_unique<Context>(options.threads);
   auto console = std::make_shared<Console>(options);
   context->set_progress_sink([console](const Progress& event) { console->writer.on_progress(event); });
