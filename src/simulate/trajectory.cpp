@@ -6,6 +6,7 @@
 #include <numbers>
 #include <sstream>
 
+#include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "simulate/counter_rng.h"
 #include "simulate/coverage.h"
