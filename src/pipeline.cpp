@@ -31,7 +31,8 @@ class Integration {
     color();
     {
       StageScope stage(context_, "health");
-      result_.report.health = check_health(result_.mesh, {.self_intersections = options_.check_self_intersections}, context_);
+      result_.report.health =
+          check_health(result_.mesh, {.self_intersections = options_.check_self_intersections}, context_);
     }
     return std::move(result_);
   }
@@ -78,7 +79,8 @@ class Integration {
     noise_.resize(views_.size());
     for (const auto& [id, members] : views_of_sensor) {
       SensorReport& sensor = result_.report.sensors[id];
-      const auto given = std::find_if(members.begin(), members.end(), [&](std::size_t i) { return source_of(i).noise; });
+      const auto given =
+          std::find_if(members.begin(), members.end(), [&](std::size_t i) { return source_of(i).noise; });
       if (given != members.end()) {
         sensor.noise = *source_of(*given).noise;
         sensor.is_noise_given = true;

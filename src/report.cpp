@@ -28,7 +28,8 @@ Json of_sensor(const SensorReport& sensor) {
                           {"sigma_m", sensor.sigma_m[k]},
                           {"sample_spacing_m", sensor.spacing_m[k]},
                           {"step_m", sensor.step_m[k]}});
-  return {{"noise", of_noise(sensor.noise)}, {"noise_from", sensor.is_noise_given ? "manifest" : "data"},
+  return {{"noise", of_noise(sensor.noise)},
+          {"noise_from", sensor.is_noise_given ? "manifest" : "data"},
           {"thresholds", thresholds}};
 }
 

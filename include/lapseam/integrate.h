@@ -46,21 +46,21 @@ struct IntegrateOptions {
 /// What became of one view.
 struct ViewReport {
   std::string name;
-  std::uint64_t samples = 0;              ///< valid samples in the range image
-  std::uint64_t triangles = 0;            ///< after triangulation
-  std::uint64_t triangles_in_model = 0;   ///< still alive at the end
-  double smoothing_sigma_factor = 1;      ///< share of the noise that smoothing left
-  OverlapCounts overlap;                  ///< when it was added
+  std::uint64_t samples = 0;             ///< valid samples in the range image
+  std::uint64_t triangles = 0;           ///< after triangulation
+  std::uint64_t triangles_in_model = 0;  ///< still alive at the end
+  double smoothing_sigma_factor = 1;     ///< share of the noise that smoothing left
+  OverlapCounts overlap;                 ///< when it was added
 };
 
 /// The thresholds of one sensor, as they were derived from its data.
 struct SensorReport {
   NoiseModel noise;
-  bool is_noise_given = false;            ///< from the manifest, not estimated
-  double range_m[3] = {0, 0, 0};          ///< lowest, median, highest range seen
-  double sigma_m[3] = {0, 0, 0};          ///< noise there
-  double spacing_m[3] = {0, 0, 0};        ///< distance between samples there
-  double step_m[3] = {0, 0, 0};           ///< range difference between neighbours that parts two surfaces there
+  bool is_noise_given = false;      ///< from the manifest, not estimated
+  double range_m[3] = {0, 0, 0};    ///< lowest, median, highest range seen
+  double sigma_m[3] = {0, 0, 0};    ///< noise there
+  double spacing_m[3] = {0, 0, 0};  ///< distance between samples there
+  double step_m[3] = {0, 0, 0};     ///< range difference between neighbours that parts two surfaces there
 };
 
 struct IntegrateReport {

@@ -37,12 +37,12 @@ struct Mesh {
   std::vector<std::uint32_t> vertex_pixel;  ///< v·width + u in that view's range image
 
   // per triangle
-  std::vector<std::uint32_t> triangle_view; ///< view that measured it; of a seam triangle, the one its texture is from
+  std::vector<std::uint32_t> triangle_view;  ///< view that measured it; of a seam triangle, the one its texture is from
   std::vector<TriangleTag> triangle_tag;
 
   // texture: three coordinates a triangle, origin at the top left of the page, in [0, 1]
   std::vector<std::array<Eigen::Vector2f, 3>> texcoords;
-  std::vector<std::uint32_t> triangle_page; ///< kInvalidIndex: untextured
+  std::vector<std::uint32_t> triangle_page;  ///< kInvalidIndex: untextured
   std::vector<ColorImage> pages;
 
   std::size_t vertex_count() const { return positions_m.size(); }

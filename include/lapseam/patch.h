@@ -1,8 +1,8 @@
 #pragma once
 
 // A view on its way into the model: its samples, its implicit triangle mesh, and how well each sample was measured.
-// The mesh of a view is never stored as indices: one byte per grid cell says which triangles exist and which of them are
-// still alive; corners and neighbours follow from the grid.
+// The mesh of a view is never stored as indices: one byte per grid cell says which triangles exist and which of them
+// are still alive; corners and neighbours follow from the grid.
 
 #include <Eigen/Core>
 #include <array>
@@ -43,7 +43,7 @@ struct PatchGrid {
 
   int width = 0, height = 0;  ///< samples
   bool wraps = false;
-  bool is_mirrored = false;   ///< u grows to the left of the viewer: winding is turned over
+  bool is_mirrored = false;         ///< u grows to the left of the viewer: winding is turned over
   std::vector<std::uint8_t> cells;  ///< width·height
 
   bool exists(std::size_t cell, int slot) const { return cells[cell] & (kExists << slot); }
@@ -57,20 +57,20 @@ struct PatchGrid {
     std::size_t cell;
     int slot;
   };
-  /// Where the triangle's neighbour across its edge between corner pixels p and q is, or would be if it existed; nothing
-  /// beyond the image.
+  /// Where the triangle's neighbour across its edge between corner pixels p and q is, or would be if it existed;
+  /// nothing beyond the image.
   std::optional<Place> neighbor_across(std::size_t cell, int slot, std::uint32_t p, std::uint32_t q) const;
   std::size_t alive_count() const;
 };
 
 /// Everything known of one view while the model grows.
 struct Patch {
-  View view;                         ///< range already smoothed
-  NoiseModel noise;                  ///< of the range as it is now
+  View view;         ///< range already smoothed
+  NoiseModel noise;  ///< of the range as it is now
   std::shared_ptr<const RayTable> rays;
   PatchGrid grid;
-  Image<float> confidence;           ///< per sample; 1/m: inverse of the expected error; 0 where there is no triangle
-  Image<std::uint8_t> incidence;     ///< per sample; cosine between normal and ray · 255, from range smoothed on purpose
+  Image<float> confidence;        ///< per sample; 1/m: inverse of the expected error; 0 where there is no triangle
+  Image<std::uint8_t> incidence;  ///< per sample; cosine between normal and ray · 255, from range smoothed on purpose
 
   Eigen::Vector3f point_in_view(std::size_t pixel) const { return rays->point(pixel, view.range.pixels[pixel]); }
 };

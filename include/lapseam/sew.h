@@ -19,22 +19,22 @@ struct SewOptions {
   /// Loops that the front leaves open are closed up to this many edges.
   int largest_loop = 32;
   /// Says whether a triangle would stand in space that a view measured as empty; such seams are not made. Corners are
-  /// vertices of the mesh. Empty: no check. Called from one thread at a time.
+  /// vertices of the mesh. Empty: no check. Called from several threads at once.
   std::function<bool(const Mesh&, const Triangle&)> is_seen_through{};
 };
 
 struct SewReport {
-  std::uint64_t active_edges = 0;    ///< at the start
-  std::uint64_t front_triangles = 0; ///< added edge by edge
-  std::uint64_t loop_triangles = 0;  ///< added to close what the front left open
-  std::uint64_t open_edges = 0;      ///< active edges that found no valid triangle
+  std::uint64_t active_edges = 0;     ///< at the start
+  std::uint64_t front_triangles = 0;  ///< added edge by edge
+  std::uint64_t loop_triangles = 0;   ///< added to close what the front left open
+  std::uint64_t open_edges = 0;       ///< active edges that found no valid triangle
 };
 
 /// Adds seam triangles (tag kSeam) to the mesh until no active edge finds a valid partner. An edge looks for boundary
-/// vertices near by; a candidate is valid if its triangle keeps the mesh edge-manifold and oriented, crosses no boundary,
-/// contains no vertex, faces the same way as its surroundings and does not stand in space seen as empty; of the valid
-/// ones the one that sees the edge under the largest angle wins. New edges are active in turn. No vertex is made or
-/// moved. Deterministic: candidates are taken by angle, then by index. Cost: about 10 µs per active edge.
+/// vertices near by; a candidate is valid if its triangle keeps the mesh edge-manifold and oriented, crosses no
+/// boundary, contains no vertex, faces the same way as its surroundings and does not stand in space seen as empty; of
+/// the valid ones the one that sees the edge under the largest angle wins. New edges are active in turn. No vertex is
+/// made or moved. Deterministic: candidates are taken by angle, then by index. Cost: about 10 µs per active edge.
 SewReport sew(Mesh& mesh, std::span<const BoundaryEdge> active_edges, const SewOptions& options, Context& context);
 
 /// Gives each fan of a vertex where several fans touch its own copy. Returns the number of copies made.

@@ -25,10 +25,10 @@ struct AtlasReport {
   std::uint64_t untextured_triangles = 0;  ///< their view has no colour, or its camera does not see them
 };
 
-/// Gives each triangle coordinates in the image of its view (triangle_view) by projection (a seam triangle that this view's
-/// camera sees only in part gets another of its corners' views), and packs the used rectangles of
-/// all images into pages. A chart is a set of connected triangles of one view. Source pixels are copied, not resampled.
-/// Images are decoded in parallel, at most one per thread at a time. `sources[i]` is view i of the mesh's provenance.
+/// Gives each triangle coordinates in the image of its view (triangle_view) by projection (a seam triangle that this
+/// view's camera sees only in part gets another of its corners' views), and packs the used rectangles of all images
+/// into pages. A chart is a set of connected triangles of one view. Source pixels are copied, not resampled. Images are
+/// decoded in parallel, at most one per thread at a time. `sources[i]` is view i of the mesh's provenance.
 /// Deterministic. Throws what load_color throws.
 AtlasReport build_atlas(Mesh& mesh, std::span<const ViewSource> sources, const AtlasOptions& options, Context& context);
 

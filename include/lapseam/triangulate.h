@@ -15,7 +15,8 @@ struct StepThreshold {
   NoiseModel noise;
 
   double spacing(double r) const { return spacing_offset_m + spacing_slope * r; }
-  /// For neighbours in a row or column whose range changes in line with their own neighbours (a plane at grazing incidence).
+  /// For neighbours in a row or column whose range changes in line with their own neighbours (a plane at grazing
+  /// incidence).
   double continued(double r) const;
   /// For neighbours of which nothing else is known.
   double isolated(double r) const;

@@ -24,18 +24,18 @@ struct RangeSource {
   RangeFormat format = RangeFormat::kPng16;
   std::filesystem::path file;
   RangeQuantity quantity = RangeQuantity::kZ;
-  double scale_m = 1.0;                     ///< metres per stored unit
-  std::vector<double> invalid_values;       ///< stored values that mean "no sample", beside 0, negative and non-finite
-  std::string channel;                      ///< EXR channel; empty: "R"-less search for Z, range, depth, Y
-  std::shared_ptr<const RangeImage> memory; ///< for kMemory
+  double scale_m = 1.0;                      ///< metres per stored unit
+  std::vector<double> invalid_values;        ///< stored values that mean "no sample", beside 0, negative and non-finite
+  std::string channel;                       ///< EXR channel; empty: "R"-less search for Z, range, depth, Y
+  std::shared_ptr<const RangeImage> memory;  ///< for kMemory
 };
 
 /// The colour image of one view: its file and the camera that took it.
 struct ColorSource {
-  std::filesystem::path file;               ///< EXR, PNG or JPEG
-  Sensor camera;                            ///< its width and height are the image's
+  std::filesystem::path file;                                      ///< EXR, PNG or JPEG
+  Sensor camera;                                                   ///< its width and height are the image's
   Eigen::Isometry3d T_view_color = Eigen::Isometry3d::Identity();  ///< colour camera frame -> view (range sensor) frame
-  std::shared_ptr<const ColorImage> memory; ///< used instead of the file when set
+  std::shared_ptr<const ColorImage> memory;                        ///< used instead of the file when set
 };
 
 /// One view as a scene lists it: nothing loaded yet.
@@ -53,7 +53,7 @@ struct ViewSource {
 
 struct Scene {
   std::string name;
-  std::filesystem::path file;               ///< manifest, .conf or folder it came from
+  std::filesystem::path file;  ///< manifest, .conf or folder it came from
   std::vector<ViewSource> views;
 };
 

@@ -80,8 +80,12 @@ std::vector<StageRecord> Context::stages() const {
 }
 
 StageScope::StageScope(Context& context, std::string name, std::uint64_t total_units)
-    : context_(context), name_(std::move(name)), total_(total_units), exceptions_(std::uncaught_exceptions()),
-      start_ns_(now_ns()), next_report_ns_(start_ns_ + kReportIntervalNs) {
+    : context_(context),
+      name_(std::move(name)),
+      total_(total_units),
+      exceptions_(std::uncaught_exceptions()),
+      start_ns_(now_ns()),
+      next_report_ns_(start_ns_ + kReportIntervalNs) {
   context_.throw_if_cancelled();
   auto& impl = context_.impl();
   const std::scoped_lock lock(impl.mutex);

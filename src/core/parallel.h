@@ -1,7 +1,7 @@
 #pragma once
 
-// The only place that includes TBB. Every loop here gives the same result for any number of threads: blocks are fixed by
-// the grain alone, reductions join in a fixed tree, sorts need a total order.
+// The only place that includes TBB. Every loop here gives the same result for any number of threads: blocks are fixed
+// by the grain alone, reductions join in a fixed tree, sorts need a total order.
 
 #include <tbb/blocked_range.h>
 #include <tbb/global_control.h>
@@ -44,7 +44,8 @@ void parallel_for(Context& context, std::size_t n, std::size_t grain, const Body
   });
 }
 
-/// Deterministic reduction: fold(begin, end, Value) -> Value over fixed blocks, join(Value, Value) -> Value in a fixed tree.
+/// Deterministic reduction: fold(begin, end, Value) -> Value over fixed blocks, join(Value, Value) -> Value in a fixed
+/// tree.
 template <typename Value, typename Fold, typename Join>
 Value parallel_reduce(Context& context, std::size_t n, std::size_t grain, const Value& identity, const Fold& fold,
                       const Join& join) {

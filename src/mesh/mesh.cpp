@@ -10,7 +10,8 @@ namespace {
 template <typename T>
 void check_length(const std::vector<T>& array, std::size_t expected, const char* field) {
   if (!array.empty() && array.size() != expected)
-    throw InvalidInput({}, {}, field, "has " + std::to_string(array.size()) + " entries, not " + std::to_string(expected));
+    throw InvalidInput({}, {}, field,
+                       "has " + std::to_string(array.size()) + " entries, not " + std::to_string(expected));
 }
 
 template <typename T>
@@ -39,8 +40,9 @@ void check_mesh(const Mesh& mesh) {
   for (std::size_t i = 0; i < triangles; ++i)
     for (const std::uint32_t v : mesh.triangles[i])
       if (v >= vertices)
-        throw InvalidInput({}, {}, "triangles", "triangle " + std::to_string(i) + " uses vertex " + std::to_string(v) +
-                                                    " of " + std::to_string(vertices));
+        throw InvalidInput(
+            {}, {}, "triangles",
+            "triangle " + std::to_string(i) + " uses vertex " + std::to_string(v) + " of " + std::to_string(vertices));
 }
 
 Mesh compact(const Mesh& mesh, const std::vector<std::uint8_t>& keep) {

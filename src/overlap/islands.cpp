@@ -40,7 +40,8 @@ std::uint64_t remove_islands_of(PatchGrid& grid, std::uint64_t smallest) {
       if (grow_piece(grid, {cell, slot}, is_visited, piece) && piece.size() < smallest)
         doomed.insert(doomed.end(), piece.begin(), piece.end());
     }
-  for (const PatchGrid::Place& place : doomed) grid.cells[place.cell] &= std::uint8_t(~(PatchGrid::kAlive << place.slot));
+  for (const PatchGrid::Place& place : doomed)
+    grid.cells[place.cell] &= std::uint8_t(~(PatchGrid::kAlive << place.slot));
   return doomed.size();
 }
 
@@ -48,7 +49,8 @@ std::uint64_t remove_islands_of(PatchGrid& grid, std::uint64_t smallest) {
 
 std::uint64_t remove_islands(std::span<Patch> patches, std::uint64_t smallest, Context& context) {
   std::vector<std::uint64_t> removed(patches.size(), 0);
-  parallel_for(context, patches.size(), 1, [&](std::size_t i) { removed[i] = remove_islands_of(patches[i].grid, smallest); });
+  parallel_for(context, patches.size(), 1,
+               [&](std::size_t i) { removed[i] = remove_islands_of(patches[i].grid, smallest); });
   std::uint64_t sum = 0;
   for (const std::uint64_t n : removed) sum += n;
   return sum;

@@ -26,7 +26,7 @@ constexpr float kClearanceFactor = 2.0f;     // to be empty, space must be clear
 constexpr float kLowestCosine = 0.15f;       // 81°: beyond, a range says nothing about a normal distance
 constexpr double kEdgeOnCosine = 0.05;
 constexpr int kWideBaseline_px = 4;
-constexpr float kLargestFootprint_px = 24;   // a triangle that covers more is not a stray one
+constexpr float kLargestFootprint_px = 24;  // a triangle that covers more is not a stray one
 
 // Bits of a cell's two slots that were decided to die in the pass under way.
 using KillMap = std::vector<std::uint8_t>;
@@ -60,8 +60,8 @@ float cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x()
 
 float signed_area2(const std::array<Vec2, 3>& p) { return cross(p[1] - p[0], p[2] - p[0]); }
 
-// The smallest circle around a triangle: the paper's removing circle (circumscribed circle) where the triangle is acute,
-// and the circle over the longest edge where it is not, so that slivers do not remove half the image.
+// The smallest circle around a triangle: the paper's removing circle (circumscribed circle) where the triangle is
+// acute, and the circle over the longest edge where it is not, so that slivers do not remove half the image.
 struct Circle {
   Vec2 center;
   float squared_radius;
@@ -84,7 +84,8 @@ bool are_separated_by_edge_of(const std::array<Vec2, 3>& a, const std::array<Vec
   const float side = signed_area2(a) >= 0 ? 1.0f : -1.0f;
   for (std::size_t i = 0; i < 3; ++i) {
     const Vec2 edge = a[(i + 1) % 3] - a[i];
-    if (side * cross(edge, b[0] - a[i]) < 0 && side * cross(edge, b[1] - a[i]) < 0 && side * cross(edge, b[2] - a[i]) < 0)
+    if (side * cross(edge, b[0] - a[i]) < 0 && side * cross(edge, b[1] - a[i]) < 0 &&
+        side * cross(edge, b[2] - a[i]) < 0)
       return true;
   }
   return false;
@@ -114,9 +115,12 @@ float range_at(const ProjectedTriangle& t, const Vec2& q) {
 class PairTest {
  public:
   PairTest(const Patch& from, const Patch& onto, const OverlapOptions& options)
-      : from_(from), onto_(onto), options_(options),
+      : from_(from),
+        onto_(onto),
+        options_(options),
         T_onto_from_(onto.view.T_world_view.inverse() * from.view.T_world_view),
-        width_(onto.grid.width), height_(onto.grid.height) {}
+        width_(onto.grid.width),
+        height_(onto.grid.height) {}
 
   const Eigen::Isometry3d& T_onto_from() const { return T_onto_from_; }
 
@@ -245,9 +249,7 @@ class PairTest {
 
   // Normal over a wider baseline, towards the sensor.
   Eigen::Vector3f wide_normal(int u, int v) const {
-    const auto sample = [&](int x, int y) {
-      return from_.point_in_view(from_.confidence.index(x, y));
-    };
+    const auto sample = [&](int x, int y) { return from_.point_in_view(from_.confidence.index(x, y)); };
     const auto reach = [&](int du, int dv) {
       Eigen::Vector2i best(u, v);
       for (int k = 1; k <= kWideBaseline_px; ++k) {
@@ -265,8 +267,8 @@ class PairTest {
     return from_.grid.is_mirrored ? Eigen::Vector3f(-normal) : normal;
   }
 
-  // Fills candidates_ with the alive triangles of `onto` that t overlaps; returns their mean confidence. Nearer ones weigh
-  // more: at a rim, where confidence falls, a plain mean would let two equal views drive each other out.
+  // Fills candidates_ with the alive triangles of `onto` that t overlaps; returns their mean confidence. Nearer ones
+  // weigh more: at a rim, where confidence falls, a plain mean would let two equal views drive each other out.
   float gather_overlapped(const ProjectedTriangle& t, const Circle& circle, int u_begin, int u_end, int v_begin,
                           int v_end) {
     candidates_.clear();
@@ -282,7 +284,8 @@ class PairTest {
         const std::size_t cell = onto_.confidence.index(u_wrapped, v);
         if (!onto_.grid.has_alive(cell)) continue;
         const std::size_t right = u_wrapped + 1 < width_ ? cell + 1 : cell + 1 - std::size_t(width_);
-        const Corners corners{{cell, right, cell + std::size_t(width_), right + std::size_t(width_)}, float(u), float(v)};
+        const Corners corners{
+            {cell, right, cell + std::size_t(width_), right + std::size_t(width_)}, float(u), float(v)};
         const bool is_anti = onto_.grid.cells[cell] & PatchGrid::kAntiDiagonal;
         for (int slot = 0; slot < 2; ++slot) {
           if (!onto_.grid.is_alive(cell, slot)) continue;
@@ -320,11 +323,12 @@ class PairTest {
     }
     const float r = sum / 3;
     cosine /= 3 * 255;
-    // Overlap in the image is overlap in space only if the surfaces are this close along the ray. Corners of t and of the
-    // candidate are up to a sample apart: high − low is what the candidate's slope makes of that.
+    // Overlap in the image is overlap in space only if the surfaces are this close along the ray. Corners of t and of
+    // the candidate are up to a sample apart: high − low is what the candidate's slope makes of that.
     const float own = float(onto_.noise.sigma(double(r))) * cosine;
-    const float along_normal = float(options_.noise_factor) * std::sqrt(own * own + t.sigma_normal_m * t.sigma_normal_m) +
-                               kRegistrationFactor * float(options_.registration_error_m);
+    const float along_normal =
+        float(options_.noise_factor) * std::sqrt(own * own + t.sigma_normal_m * t.sigma_normal_m) +
+        kRegistrationFactor * float(options_.registration_error_m);
     const float tolerance = along_normal / std::max(cosine, kLowestCosine) + (high - low);
     if (r < std::min({t.r[0], t.r[1], t.r[2]}) - tolerance || r > std::max({t.r[0], t.r[1], t.r[2]}) + tolerance)
       return false;
@@ -352,13 +356,15 @@ class PairTest {
     const auto& directions = onto_.rays->directions;
     const float spacing = (directions[0] - directions[1]).norm() * low_r;
     const float slack = 1.0f + (onto_.rays->origins.empty() && spacing > 0
-                                    ? std::min(8.0f, 2 * float(options_.registration_error_m) / spacing) : 0.0f);
+                                    ? std::min(8.0f, 2 * float(options_.registration_error_m) / spacing)
+                                    : 0.0f);
     const int u_begin = int(std::floor(u_low - slack)), u_end = int(std::ceil(u_high + slack));
     const int v_begin = int(std::floor(v_low - slack)), v_end = int(std::ceil(v_high + slack));
     if (v_begin < 0 || v_end >= height_ || (!onto_.grid.wraps && (u_begin < 0 || u_end >= width_))) return false;
     const float noise_m = std::hypot(float(onto_.noise.sigma(double(r))), t.sigma_normal_m);
     const float clearance = kClearanceFactor * (float(options_.noise_factor) * noise_m +
-                                                kRegistrationFactor * float(options_.registration_error_m)) + (r - low_r);
+                                                kRegistrationFactor * float(options_.registration_error_m)) +
+                            (r - low_r);
     for (int v = v_begin; v <= v_end; ++v)
       for (int u = u_begin; u <= u_end; ++u) {
         const std::size_t pixel = onto_.confidence.index(onto_.grid.wraps ? (u % width_ + width_) % width_ : u, v);
@@ -388,8 +394,8 @@ struct TileTask {
   PatchTile tile;
 };
 
-PairTest::Outcome judge_all(std::span<Patch> patches, const std::vector<TileTask>& tasks,
-                            std::vector<KillMap>& kills, const OverlapOptions& options, Context& context) {
+PairTest::Outcome judge_all(std::span<Patch> patches, const std::vector<TileTask>& tasks, std::vector<KillMap>& kills,
+                            const OverlapOptions& options, Context& context) {
   return parallel_reduce(
       context, tasks.size(), 4, PairTest::Outcome{},
       [&](std::size_t begin, std::size_t end, PairTest::Outcome sum) {
@@ -440,7 +446,7 @@ struct OverlapRemoval::Impl {
   std::vector<ViewCone> cones;
   std::vector<std::vector<PatchTile>> tiles;  // of each patch, those with triangles alive
   std::vector<TileTask> tasks;
-  std::vector<KillMap> kills;                 // empty where no task looks
+  std::vector<KillMap> kills;  // empty where no task looks
 
   void plan(std::span<Patch> patches, std::size_t from, std::size_t onto) {
     const auto want_kills = [&](std::size_t i) {

@@ -30,8 +30,12 @@ std::vector<PatchTile> make_tiles(const Patch& patch) {
   std::vector<PatchTile> tiles;
   for (int v = 0; v < patch.grid.height; v += kTile_px)
     for (int u = 0; u < patch.grid.width; u += kTile_px) {
-      PatchTile tile{u, v, std::min(u + kTile_px, patch.grid.width), std::min(v + kTile_px, patch.grid.height),
-                     Eigen::Vector3f::Zero(), 0};
+      PatchTile tile{u,
+                     v,
+                     std::min(u + kTile_px, patch.grid.width),
+                     std::min(v + kTile_px, patch.grid.height),
+                     Eigen::Vector3f::Zero(),
+                     0};
       if (fill_sphere(patch, tile)) tiles.push_back(tile);
     }
   return tiles;

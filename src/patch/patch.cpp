@@ -8,7 +8,8 @@ std::shared_ptr<const RayTable> make_ray_table(const Sensor& sensor) {
   table->height = height(sensor);
   const std::size_t n = std::size_t(table->width) * std::size_t(table->height);
   table->directions.resize(n);
-  const bool is_central = std::holds_alternative<PinholeSensor>(sensor) || std::holds_alternative<SphericalSensor>(sensor);
+  const bool is_central =
+      std::holds_alternative<PinholeSensor>(sensor) || std::holds_alternative<SphericalSensor>(sensor);
   if (!is_central) table->origins.resize(n);
   std::visit(
       [&](const auto& s) {

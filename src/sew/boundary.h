@@ -10,8 +10,8 @@
 
 namespace lapseam {
 
-/// Half-edges among vertices that lie (or lay) on the boundary. A half-edge a → b belongs to the triangle on its left and
-/// is open while b → a does not exist. Vertices elsewhere cannot take part in sewing and cost nothing.
+/// Half-edges among vertices that lie (or lay) on the boundary. A half-edge a → b belongs to the triangle on its left
+/// and is open while b → a does not exist. Vertices elsewhere cannot take part in sewing and cost nothing.
 class Boundary {
  public:
   explicit Boundary(const Mesh& mesh);
@@ -33,7 +33,8 @@ class Boundary {
  private:
   using Lists = std::vector<std::vector<std::uint32_t>>;
   std::span<const std::uint32_t> list(const Lists& lists, std::uint32_t v) const {
-    return slot_[v] == kInvalidIndex ? std::span<const std::uint32_t>() : std::span<const std::uint32_t>(lists[slot_[v]]);
+    return slot_[v] == kInvalidIndex ? std::span<const std::uint32_t>()
+                                     : std::span<const std::uint32_t>(lists[slot_[v]]);
   }
   void add_half_edge(std::uint32_t a, std::uint32_t b);
 

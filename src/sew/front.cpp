@@ -64,8 +64,8 @@ class LocalPlane {
   Eigen::Vector3f origin_, normal_, x_, y_;
 };
 
-// Whether directions from v to both p and q (clockwise in this order) lie in one open sector at v: right of an open edge
-// that leaves v, up to the next open edge that arrives.
+// Whether directions from v to both p and q (clockwise in this order) lie in one open sector at v: right of an open
+// edge that leaves v, up to the next open edge that arrives.
 bool in_open_sector(const Boundary& boundary, const LocalPlane& plane, const std::vector<Eigen::Vector3f>& positions,
                     std::uint32_t v, std::uint32_t p, std::uint32_t q) {
   const Vec2 at = plane.project(positions[v]);
@@ -95,7 +95,10 @@ bool Front::IsWorse::operator()(const Candidate& x, const Candidate& y) const {
 }
 
 Front::Front(Mesh& mesh, std::span<const BoundaryEdge> active_edges, const SewOptions& options, Context& context)
-    : mesh_(mesh), options_(options), context_(context), boundary_(mesh),
+    : mesh_(mesh),
+      options_(options),
+      context_(context),
+      boundary_(mesh),
       tree_(gather(mesh.positions_m, boundary_.vertices())) {
   for (const BoundaryEdge& edge : active_edges) {
     active_.push_back(key(edge.a, edge.b));
@@ -156,8 +159,8 @@ void Front::spread_edge_length(std::uint32_t a, std::uint32_t b) {
   }
 }
 
-// Boundary vertices around an edge; returns how far candidates may be from its middle. What is found reaches farther, so
-// that both ends of every edge that could cross are among it.
+// Boundary vertices around an edge; returns how far candidates may be from its middle. What is found reaches farther,
+// so that both ends of every edge that could cross are among it.
 float Front::find_around(std::uint32_t a, std::uint32_t b, int round, std::vector<Neighbor>& around) const {
   const float reach = float(options_.reach_factor);
   const float own = std::max({spacing_[a], spacing_[b], (mesh_.positions_m[a] - mesh_.positions_m[b]).norm()});
@@ -296,8 +299,10 @@ void Front::grow(SewReport& report) {
     std::priority_queue<Candidate, std::vector<Candidate>, IsWorse> queue;
     std::vector<std::uint64_t> left;
     for (std::size_t i = 0; i < edges.size(); ++i) {
-      if (found[i]) queue.push(best[i]);
-      else left.push_back(edges[i]);
+      if (found[i])
+        queue.push(best[i]);
+      else
+        left.push_back(edges[i]);
     }
     std::vector<Neighbor> around;
     while (!queue.empty()) {
@@ -307,8 +312,10 @@ void Front::grow(SewReport& report) {
       find_around(next.a, next.b, round, around);
       if (!is_valid(next.a, next.b, next.c, around)) {
         Candidate other;
-        if (find_best(next.a, next.b, round, other)) queue.push(other);
-        else left.push_back(key(next.a, next.b));
+        if (find_best(next.a, next.b, round, other))
+          queue.push(other);
+        else
+          left.push_back(key(next.a, next.b));
         continue;
       }
       active_.clear();
@@ -317,8 +324,10 @@ void Front::grow(SewReport& report) {
       for (const std::uint64_t edge : active_) {
         Candidate other;
         const auto a = std::uint32_t(edge >> 32), b = std::uint32_t(edge);
-        if (find_best(a, b, round, other)) queue.push(other);
-        else left.push_back(edge);
+        if (find_best(a, b, round, other))
+          queue.push(other);
+        else
+          left.push_back(edge);
       }
     }
     active_.swap(left);

@@ -44,16 +44,18 @@ class Front {
   const SewOptions& options_;
   Context& context_;
   Boundary boundary_;
-  KdTree tree_;                         // over boundary_.vertices()
+  KdTree tree_;  // over boundary_.vertices()
   std::vector<Eigen::Vector3f> normals_;
-  std::vector<float> spacing_;          // mean length of the edges at a vertex
-  std::vector<float> edge_reach_;       // longest open edge whose ends may lie this far from a vertex and still pass it
-  float widest_spacing_ = 0;            // what all but a few boundary vertices stay below
-  std::vector<std::uint64_t> active_;   // open edges that want a triangle, in order
-  std::unordered_set<std::uint64_t> cut_;  // membership only: edges that were cut or sewn, as opposed to natural borders
+  std::vector<float> spacing_;         // mean length of the edges at a vertex
+  std::vector<float> edge_reach_;      // longest open edge whose ends may lie this far from a vertex and still pass it
+  float widest_spacing_ = 0;           // what all but a few boundary vertices stay below
+  std::vector<std::uint64_t> active_;  // open edges that want a triangle, in order
+  std::unordered_set<std::uint64_t>
+      cut_;  // membership only: edges that were cut or sewn, as opposed to natural borders
 };
 
-/// Closes loops; see Front::close_loops. Vertices in the order of the open half-edges. Empty when there is no good filling.
+/// Closes loops; see Front::close_loops. Vertices in the order of the open half-edges. Empty when there is no good
+/// filling.
 std::vector<Triangle> triangulate_loop(const std::vector<std::uint32_t>& loop,
                                        const std::vector<Eigen::Vector3f>& positions,
                                        const std::vector<Eigen::Vector3f>& normals, const Boundary& boundary);

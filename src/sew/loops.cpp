@@ -1,5 +1,6 @@
 // Small loops that the front leaves open, closed by the best of all their triangulations.
-// Based on: G. Barequet, M. Sharir, Filling Gaps in the Boundary of a Polyhedron, 1995 (dynamic programming over chains).
+// Based on: G. Barequet, M. Sharir, Filling Gaps in the Boundary of a Polyhedron, 1995 (dynamic programming over
+// chains).
 
 #include <algorithm>
 #include <cmath>
@@ -46,10 +47,11 @@ std::vector<Triangle> triangulate_loop(const std::vector<std::uint32_t>& loop,
     for (std::size_t i = 0; i + length < n; ++i) {
       const std::size_t j = i + length;
       const bool is_outline = length + 1 == n;  // the chord from last to first is an edge of the loop itself
-      if (!is_outline && (boundary.has_half_edge(loop[i], loop[j]) || boundary.has_half_edge(loop[j], loop[i]))) continue;
+      if (!is_outline && (boundary.has_half_edge(loop[i], loop[j]) || boundary.has_half_edge(loop[j], loop[i])))
+        continue;
       for (std::size_t k = i + 1; k < j; ++k) {
-        const float quality = std::min({worst[i * n + k], worst[k * n + j],
-                                        quality_of({loop[k], loop[i], loop[j]}, positions, normals)});
+        const float quality =
+            std::min({worst[i * n + k], worst[k * n + j], quality_of({loop[k], loop[i], loop[j]}, positions, normals)});
         if (quality > worst[i * n + j]) {
           worst[i * n + j] = quality;
           split[i * n + j] = k;
@@ -107,8 +109,10 @@ void Front::close_loops(SewReport& report) {
       loop.push_back(v);
       is_done[v] = 1;
       // Where several fans touch, which way the loop goes on is not known: left for the next stage.
-      if (boundary_.open_out(v).size() != 1) is_simple = false;
-      else v = boundary_.open_out(v)[0];
+      if (boundary_.open_out(v).size() != 1)
+        is_simple = false;
+      else
+        v = boundary_.open_out(v)[0];
     } while (is_simple && v != start && loop.size() <= std::size_t(options_.largest_loop));
     if (is_simple && v == start && loop.size() >= 3 && loop.size() <= std::size_t(options_.largest_loop))
       close_loop(loop, report);

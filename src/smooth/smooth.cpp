@@ -57,7 +57,9 @@ class Smoother {
   Smoother(const View& view, const NoiseModel& noise)
       : grid_{view.range.width, view.range.height, wraps(view.sensor), std::get_if<MeasuredGridSensor>(&view.sensor)},
         is_central_(!grid_.measured && !std::holds_alternative<OrthographicSensor>(view.sensor)),
-        sensor_(view.sensor), value_(view.range.size()), sigma_(view.range.size()) {
+        sensor_(view.sensor),
+        value_(view.range.size()),
+        sigma_(view.range.size()) {
     for (std::size_t i = 0; i < value_.size(); ++i) {
       const float r = view.range.pixels[i];
       if (!(r > 0)) continue;
@@ -119,7 +121,8 @@ class Smoother {
     for (std::size_t k = 0; k < 4; ++k) {  // in pairs, so that a slanted plane's median is its centre
       const std::size_t a = neighbor(u + kDirections[k][0], v + kDirections[k][1]);
       const std::size_t b = neighbor(u - kDirections[k][0], v - kDirections[k][1]);
-      if (a == kNone || b == kNone || !(sigma_[a] > 0) || !(sigma_[b] > 0) || !is_symmetric(grid_, a, b, centre)) continue;
+      if (a == kNone || b == kNone || !(sigma_[a] > 0) || !(sigma_[b] > 0) || !is_symmetric(grid_, a, b, centre))
+        continue;
       around[n++] = value_[a];
       around[n++] = value_[b];
     }

@@ -17,8 +17,8 @@ struct PointCloud {
   }
 };
 
-using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, PointCloud>, PointCloud, 3,
-                                                 std::uint32_t>;
+using Tree =
+    nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, PointCloud>, PointCloud, 3, std::uint32_t>;
 
 bool is_nearer(const Neighbor& a, const Neighbor& b) {
   return a.squared_distance != b.squared_distance ? a.squared_distance < b.squared_distance : a.index < b.index;
@@ -77,7 +77,8 @@ struct KdTree::Impl {
 
 KdTree::KdTree(std::span<const Eigen::Vector3f> points) : impl_(std::make_unique<Impl>()) {
   impl_->cloud.points.assign(points.begin(), points.end());
-  if (!points.empty()) impl_->tree = std::make_unique<Tree>(3, impl_->cloud, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+  if (!points.empty())
+    impl_->tree = std::make_unique<Tree>(3, impl_->cloud, nanoflann::KDTreeSingleIndexAdaptorParams(16));
 }
 
 KdTree::~KdTree() = default;

@@ -91,13 +91,14 @@ bool visit_triangle(RTCPointQueryFunctionArguments* arguments) {
                                                 positions[t[2]].cast<double>());
   // Rounded, so that triangles that share the closest point tie.
   const auto squared = float((from - q).squaredNorm());
-  const bool is_better = squared < query.best_squared ||
-                         (squared == query.best_squared && arguments->primID < query.best.triangle);
+  const bool is_better =
+      squared < query.best_squared || (squared == query.best_squared && arguments->primID < query.best.triangle);
   if (!is_better) return false;
   query.best_squared = squared;
   query.best = {q.cast<float>(), std::sqrt(squared), arguments->primID};
   // A hair wider than the best distance, so that ties are still visited and the smaller index wins.
-  arguments->query->radius = std::min(arguments->query->radius, std::nextafter(query.best.distance * 1.0000002f, 3e38f));
+  arguments->query->radius =
+      std::min(arguments->query->radius, std::nextafter(query.best.distance * 1.0000002f, 3e38f));
   return true;
 }
 
@@ -116,8 +117,8 @@ RayScene::RayScene(std::span<const Eigen::Vector3f> positions_m, std::span<const
     if (!impl_->triangles.empty()) {
       const RTCGeometry geometry = rtcNewGeometry(impl_->device, RTC_GEOMETRY_TYPE_TRIANGLE);
       // Embree reads 16 bytes per vertex: its own copy is padded.
-      auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                                                   3 * sizeof(float), impl_->positions.size()));
+      auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(
+          geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), impl_->positions.size()));
       auto* indices = static_cast<std::uint32_t*>(rtcSetNewGeometryBuffer(
           geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(std::uint32_t), impl_->triangles.size()));
       if (!vertices || !indices) throw Error("Embree: out of memory");

@@ -14,16 +14,16 @@ namespace lapseam {
 class Context;
 
 struct RayHit {
-  float t = 0;                              ///< distance along the direction, in units of its length
-  std::uint32_t triangle = kInvalidIndex;   ///< kInvalidIndex: nothing was hit
-  float b1 = 0, b2 = 0;                     ///< barycentric weights of the triangle's second and third vertex
+  float t = 0;                             ///< distance along the direction, in units of its length
+  std::uint32_t triangle = kInvalidIndex;  ///< kInvalidIndex: nothing was hit
+  float b1 = 0, b2 = 0;                    ///< barycentric weights of the triangle's second and third vertex
   explicit operator bool() const { return triangle != kInvalidIndex; }
 };
 
 struct ClosestPoint {
   Eigen::Vector3f point = Eigen::Vector3f::Zero();
   float distance = 0;
-  std::uint32_t triangle = kInvalidIndex;   ///< kInvalidIndex: nothing within the radius
+  std::uint32_t triangle = kInvalidIndex;  ///< kInvalidIndex: nothing within the radius
 };
 
 /// A BVH over triangles. Copies positions and triangles. Queries are const and thread-safe.

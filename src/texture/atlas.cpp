@@ -61,7 +61,8 @@ void copy_chart(const Chart& chart, const ColorImage& image, bool is_panorama, C
 }
 
 void set_texcoords(Mesh& mesh, const Charts& charts, const std::vector<PageSize>& pages) {
-  mesh.texcoords.assign(mesh.triangle_count(), {Eigen::Vector2f::Zero(), Eigen::Vector2f::Zero(), Eigen::Vector2f::Zero()});
+  mesh.texcoords.assign(mesh.triangle_count(),
+                        {Eigen::Vector2f::Zero(), Eigen::Vector2f::Zero(), Eigen::Vector2f::Zero()});
   mesh.triangle_page.assign(mesh.triangle_count(), kInvalidIndex);
   for (std::size_t i = 0; i < mesh.triangle_count(); ++i) {
     if (charts.chart_of_triangle[i] == kInvalidIndex) continue;
@@ -97,8 +98,8 @@ AtlasReport build_atlas(Mesh& mesh, std::span<const ViewSource> sources, const A
     mesh.pages.emplace_back(size.width, size.height);
     report.page_pixels += mesh.pages.back().size();
   }
-  report.untextured_triangles = std::uint64_t(
-      std::count(charts.chart_of_triangle.begin(), charts.chart_of_triangle.end(), kInvalidIndex));
+  report.untextured_triangles =
+      std::uint64_t(std::count(charts.chart_of_triangle.begin(), charts.chart_of_triangle.end(), kInvalidIndex));
 
   std::vector<std::vector<std::uint32_t>> charts_of_view(sources.size());
   for (std::uint32_t c = 0; c < charts.charts.size(); ++c) {

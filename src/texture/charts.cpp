@@ -60,7 +60,9 @@ struct Box {
 ColorProjection::ColorProjection(const ViewSource& source, const Eigen::Vector3d& mesh_origin_m)
     : camera_(source.color->camera),
       T_color_mesh_((source.T_world_view * source.color->T_view_color).inverse() * Eigen::Translation3d(mesh_origin_m)),
-      width_(lapseam::width(camera_)), height_(lapseam::height(camera_)), wraps_(lapseam::wraps(camera_)) {}
+      width_(lapseam::width(camera_)),
+      height_(lapseam::height(camera_)),
+      wraps_(lapseam::wraps(camera_)) {}
 
 bool ColorProjection::project(const Eigen::Vector3f& position_m, Eigen::Vector2f& pixel) const {
   const auto out = lapseam::project(camera_, T_color_mesh_ * position_m.cast<double>());

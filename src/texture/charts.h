@@ -30,19 +30,21 @@ class ColorProjection {
 
 struct Chart {
   std::uint32_t view = 0;
-  int u0 = 0, v0 = 0, width = 0, height = 0;   ///< rectangle in the source image, padding included; may pass its right edge
-  int page = 0, x = 0, y = 0;                  ///< place in the atlas
+  int u0 = 0, v0 = 0, width = 0,
+      height = 0;              ///< rectangle in the source image, padding included; may pass its right edge
+  int page = 0, x = 0, y = 0;  ///< place in the atlas
 };
 
 struct Charts {
   std::vector<Chart> charts;
-  std::vector<std::uint32_t> view_of_triangle;                 ///< whose image textures it; the mesh's, or a seam's other one
-  std::vector<std::uint32_t> chart_of_triangle;                ///< kInvalidIndex: untextured
-  std::vector<std::array<Eigen::Vector2f, 3>> source_pixels;   ///< per triangle, in its source image
+  std::vector<std::uint32_t> view_of_triangle;   ///< whose image textures it; the mesh's, or a seam's other one
+  std::vector<std::uint32_t> chart_of_triangle;  ///< kInvalidIndex: untextured
+  std::vector<std::array<Eigen::Vector2f, 3>> source_pixels;  ///< per triangle, in its source image
 };
 
 /// A triangle is textured from its own view; where that one's camera does not see all of it (seams at the frame of an
-/// image), from the first of its corners' views that does. Charts whose rectangle would exceed `largest_px` are cut into pieces. Numbered by their first triangle.
+/// image), from the first of its corners' views that does. Charts whose rectangle would exceed `largest_px` are cut
+/// into pieces. Numbered by their first triangle.
 Charts make_charts(const Mesh& mesh, std::span<const ViewSource> sources, int padding_px, int largest_px,
                    Context& context);
 

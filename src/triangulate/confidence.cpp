@@ -122,7 +122,8 @@ class IncidenceMeasure {
         x = (x + width_) % width_;
       }
       const std::size_t i = std::size_t(y) * std::size_t(width_) + std::size_t(x);
-      if (!(range_[i] > 0) || double(std::abs(range_[i] - range_[best])) > threshold_.continued(double(range_[best]))) break;
+      if (!(range_[i] > 0) || double(std::abs(range_[i] - range_[best])) > threshold_.continued(double(range_[best])))
+        break;
       best = i;
     }
     return best;

@@ -58,8 +58,8 @@ class Triangulator {
     const double stretch = du != 0 && dv != 0 ? kSqrt2 : 1.0;
     if (double(std::abs(difference)) <= threshold_.isolated(nearest) * stretch) return true;
     if (double(std::abs(difference)) > threshold_.continued(nearest) * stretch) return false;
-    const float tolerance = kSlopeChange * std::abs(difference) +
-                            float(kNoiseFactor * 2.0 * threshold_.noise.sigma(nearest));
+    const float tolerance =
+        kSlopeChange * std::abs(difference) + float(kNoiseFactor * 2.0 * threshold_.noise.sigma(nearest));
     const float before = range_at(u - du, v - dv), after = range_at(u + 2 * du, v + 2 * dv);
     return (before > 0 && std::abs((a - before) - difference) <= tolerance) ||
            (after > 0 && std::abs((after - b) - difference) <= tolerance);
@@ -74,7 +74,8 @@ class Triangulator {
     const bool bottom = is_connected(u, v + 1, 1, 0, r01, r11), right = is_connected(u1, v, 0, 1, r10, r11);
     const bool main_diagonal = is_connected(u, v, 1, 1, r00, r11);
     const bool anti_diagonal = is_connected(u1, v, -1, 1, r10, r01);
-    // Main: lower left (left, bottom), upper right (right, top). Anti: upper left (left, top), lower right (bottom, right).
+    // Main: lower left (left, bottom), upper right (right, top). Anti: upper left (left, top), lower right (bottom,
+    // right).
     const bool main0 = main_diagonal && left && bottom, main1 = main_diagonal && right && top;
     const bool anti0 = anti_diagonal && left && top, anti1 = anti_diagonal && bottom && right;
     bool use_anti;
@@ -103,7 +104,9 @@ class Triangulator {
 
 }  // namespace
 
-double StepThreshold::isolated(double r) const { return kIsolatedSlope * spacing(r) + kNoiseFactor * kSqrt2 * noise.sigma(r); }
+double StepThreshold::isolated(double r) const {
+  return kIsolatedSlope * spacing(r) + kNoiseFactor * kSqrt2 * noise.sigma(r);
+}
 double StepThreshold::continued(double r) const {
   return kContinuedSlope * spacing(r) + kNoiseFactor * kSqrt2 * noise.sigma(r);
 }

@@ -22,8 +22,9 @@ Scene ball_scene(double sigma_m = 0.001) {
   unsigned seed = 0;
   for (const Eigen::Vector3d& eye : eyes) {
     const std::string name = "view" + std::to_string(seed);
-    scene.views.push_back(test::as_source(test::make_view(name, test::small_camera(120, 200), test::look_at(eye, {0, 0, 0}),
-                                                          test::sphere({0, 0, 0}, kRadius_m), sigma_m, ++seed)));
+    scene.views.push_back(
+        test::as_source(test::make_view(name, test::small_camera(120, 200), test::look_at(eye, {0, 0, 0}),
+                                        test::sphere({0, 0, 0}, kRadius_m), sigma_m, ++seed)));
   }
   return scene;
 }
@@ -52,7 +53,8 @@ void add_color(Scene& scene) {
   for (ViewSource& view : scene.views) {
     ColorImage image(120, 120);
     for (std::size_t i = 0; i < image.size(); ++i) image.pixels[i] = {std::uint8_t(i), std::uint8_t(i / 120), 77};
-    view.color = ColorSource{{}, *view.sensor, Eigen::Isometry3d::Identity(), std::make_shared<ColorImage>(std::move(image))};
+    view.color =
+        ColorSource{{}, *view.sensor, Eigen::Isometry3d::Identity(), std::make_shared<ColorImage>(std::move(image))};
   }
 }
 
@@ -66,10 +68,12 @@ TEST(Integrate, BallFromSixSidesIsOneClosedSurface) {
   EXPECT_EQ(result.report.health.self_intersecting_triangles, 0u);
   // Euler: a closed surface of genus 0.
   EXPECT_EQ(std::int64_t(result.mesh.vertex_count()) - std::int64_t(result.report.health.edges) +
-                std::int64_t(result.mesh.triangle_count()), 2);
+                std::int64_t(result.mesh.triangle_count()),
+            2);
   for (const Eigen::Vector3f& p : result.mesh.positions_m) ASSERT_NEAR(p.norm(), kRadius_m, 0.004);
   // Every view looks at the ball as every other does: none may lose its share.
-  for (const ViewReport& view : result.report.views) EXPECT_GT(view.triangles_in_model, view.triangles / 4) << view.name;
+  for (const ViewReport& view : result.report.views)
+    EXPECT_GT(view.triangles_in_model, view.triangles / 4) << view.name;
 }
 
 TEST(Integrate, NormalsPointOutwards) {

@@ -41,7 +41,8 @@ TEST(Confidence, FrontalBeatsObliqueAndNearBeatsFar) {
 TEST(Confidence, FallsOffTowardsBordersAndSteps) {
   const Patch patch = make_patch(
       test::make_view("step", test::small_camera(), Eigen::Isometry3d::Identity(),
-                      test::nearest({test::rectangle(1.9, -0.5, 0.5, -0.5, 0.5), test::plane({0, 0, 2.5}, {0, 0, 1})})), kKinect);
+                      test::nearest({test::rectangle(1.9, -0.5, 0.5, -0.5, 0.5), test::plane({0, 0, 2.5}, {0, 0, 1})})),
+      kKinect);
   const float inside = patch.confidence.at(60, 60);
   EXPECT_LT(patch.confidence.at(1, 60), 0.6f * inside);
   int edge = 60;  // the last column of the nearer rectangle

@@ -30,7 +30,8 @@ std::vector<Patch> add_all(const std::vector<View>& views, int threads = 2, Over
   return patches;
 }
 
-View look(const std::string& name, const Eigen::Vector3d& eye, const Eigen::Vector3d& target, const test::Shape& shape) {
+View look(const std::string& name, const Eigen::Vector3d& eye, const Eigen::Vector3d& target,
+          const test::Shape& shape) {
   return test::make_view(name, test::small_camera(), test::look_at(eye, target), shape);
 }
 
@@ -45,7 +46,8 @@ int layers_at(const std::vector<Patch>& patches, const Eigen::Vector3d& eye, con
         if (!patch.grid.is_alive(cell, slot)) continue;
         std::array<Eigen::Vector3d, 3> p;
         const auto corners = patch.grid.corners(cell, slot);
-        for (std::size_t k = 0; k < 3; ++k) p[k] = patch.view.T_world_view * patch.point_in_view(corners[k]).cast<double>();
+        for (std::size_t k = 0; k < 3; ++k)
+          p[k] = patch.view.T_world_view * patch.point_in_view(corners[k]).cast<double>();
         const Eigen::Vector3d e1 = p[1] - p[0], e2 = p[2] - p[0], q = d.cross(e2);
         const double det = e1.dot(q);
         if (std::abs(det) < 1e-15) continue;
@@ -100,8 +102,10 @@ TEST(Overlap, NearerViewWinsWhereBothSee) {
 
 TEST(Overlap, BothSidesOfAThinSheetSurvive) {
   // A sheet thinner than the noise, seen from both sides.
-  const test::Shape sheet = test::nearest({test::rectangle(0.001, -0.4, 0.4, -0.4, 0.4), test::rectangle(-0.001, -0.4, 0.4, -0.4, 0.4)});
-  const View front = look("front", {0, 0.1, 1.5}, {0, 0, 0}, sheet), back = look("back", {0.1, 0, -1.5}, {0, 0, 0}, sheet);
+  const test::Shape sheet =
+      test::nearest({test::rectangle(0.001, -0.4, 0.4, -0.4, 0.4), test::rectangle(-0.001, -0.4, 0.4, -0.4, 0.4)});
+  const View front = look("front", {0, 0.1, 1.5}, {0, 0, 0}, sheet),
+             back = look("back", {0.1, 0, -1.5}, {0, 0, 0}, sheet);
   Context context(1);
   const auto patches = add_all({front, back});
   EXPECT_EQ(patches[0].grid.alive_count(), test::make_patch(front, kNoise, context).grid.alive_count());
@@ -111,7 +115,8 @@ TEST(Overlap, BothSidesOfAThinSheetSurvive) {
 TEST(Overlap, WhatAnotherViewSeesThroughGoes) {
   const test::Shape wall = test::plane({0, 0, 0}, {0, 0, 1});
   const test::Shape with_guest = test::nearest({wall, test::rectangle(0.8, -0.15, 0.15, -0.15, 0.15)});
-  const View guest = look("guest", {0, 0, 2}, {0, 0, 0}, with_guest), empty = look("empty", {0.2, 0, 2}, {0, 0, 0}, wall);
+  const View guest = look("guest", {0, 0, 2}, {0, 0, 0}, with_guest),
+             empty = look("empty", {0.2, 0, 2}, {0, 0, 0}, wall);
   for (const bool guest_first : {true, false}) {
     OverlapCounts counts;
     const auto patches = guest_first ? add_all({guest, empty}, 2, &counts) : add_all({empty, guest}, 2, &counts);
@@ -132,7 +137,7 @@ TEST(Overlap, WhatIsOnlyHiddenStays) {
   // A wall behind an obstacle that the new view sees: the obstacle hides the wall, it does not contradict it.
   const test::Shape wall = test::plane({0, 0, 0}, {0, 0, 1});
   const test::Shape obstacle = test::nearest({wall, test::rectangle(1.0, -5, 0, -5, 5)});
-  const View open = look("open", {0, 0, 0.9}, {0, 0, 0}, obstacle);   // in front of the obstacle's plane
+  const View open = look("open", {0, 0, 0.9}, {0, 0, 0}, obstacle);  // in front of the obstacle's plane
   const View blocked = look("blocked", {0, 0, 2}, {0, 0, 0}, obstacle);
   const auto patches = add_all({open, blocked});
   for (int i = 1; i <= 10; ++i) EXPECT_EQ(layers_at(patches, {0, 0, 0.9}, {-0.03 * i, 0.01, 0}), 1);
@@ -154,7 +159,9 @@ TEST(Overlap, SameForAnyThreads) {
   const test::Shape shape = test::nearest({test::plane({0, 0, 0}, {0, 0, 1}), test::sphere({0, 0, 0.2}, 0.3)});
   std::vector<View> views;
   for (int i = 0; i < 5; ++i)
-    views.push_back(test::make_view("v", test::small_camera(), test::look_at({std::cos(i), std::sin(i), 1.6}, {0, 0, 0}), shape, 0.002, unsigned(i)));
+    views.push_back(test::make_view("v", test::small_camera(),
+                                    test::look_at({std::cos(i), std::sin(i), 1.6}, {0, 0, 0}), shape, 0.002,
+                                    unsigned(i)));
   const auto reference = add_all(views, 1);
   for (const int threads : {2, 3, 8}) {
     const auto patches = add_all(views, threads);

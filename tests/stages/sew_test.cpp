@@ -11,8 +11,8 @@
 namespace lapseam {
 namespace {
 
-// A flat grid of nx × ny unit-spaced samples (times `spacing`) with its lower left corner at (x, y); appended to the mesh.
-// Triangles for which `keep` is false are left out, and edges towards them are active.
+// A flat grid of nx × ny unit-spaced samples (times `spacing`) with its lower left corner at (x, y); appended to the
+// mesh. Triangles for which `keep` is false are left out, and edges towards them are active.
 void append_grid(ExtractedMesh& out, int nx, int ny, double x, double y, double spacing, double angle_rad,
                  const std::function<bool(const Eigen::Vector3f&)>& keep, std::uint32_t view) {
   Mesh& mesh = out.mesh;
@@ -64,11 +64,13 @@ double area(const Mesh& mesh) {
 ExtractedMesh two_patches(double spacing_a, double spacing_b, double angle, double gap) {
   ExtractedMesh out;
   const auto curve = [](const Eigen::Vector3f& p) { return 10 + 2 * std::sin(0.5 * double(p.y())); };
-  append_grid(out, int(20 / spacing_a), int(20 / spacing_a), 0, 0, spacing_a, 0,
-              [&](const Eigen::Vector3f& p) { return double(p.x()) < curve(p) - gap; }, 0);
-  append_grid(out, int(30 / spacing_b), int(30 / spacing_b), 3.21, -4.13, spacing_b, angle, [&](const Eigen::Vector3f& p) {
-    return double(p.x()) > curve(p) + gap && p.y() > 1 && p.y() < 18 && p.x() < 22;
-  }, 1);
+  append_grid(
+      out, int(20 / spacing_a), int(20 / spacing_a), 0, 0, spacing_a, 0,
+      [&](const Eigen::Vector3f& p) { return double(p.x()) < curve(p) - gap; }, 0);
+  append_grid(
+      out, int(30 / spacing_b), int(30 / spacing_b), 3.21, -4.13, spacing_b, angle,
+      [&](const Eigen::Vector3f& p) { return double(p.x()) > curve(p) + gap && p.y() > 1 && p.y() < 18 && p.x() < 22; },
+      1);
   // The second grid's outline above is a cut of the test's own making, not of the overlap: natural, not active.
   std::erase_if(out.active_edges, [&](const BoundaryEdge& e) {
     const Eigen::Vector3f p = 0.5f * (out.mesh.positions_m[e.a] + out.mesh.positions_m[e.b]);
@@ -110,7 +112,9 @@ TEST_P(SewGap, IsClosed) {
     if (std::binary_search(edges.begin(), edges.end(), std::pair(b, a))) continue;
     const Eigen::Vector3f p = 0.5f * (extracted.mesh.positions_m[a] + extracted.mesh.positions_m[b]);
     const double curve = 10 + 2 * std::sin(0.5 * double(p.y()));
-    if (p.y() > 5.0f && p.y() < 15.5f && std::abs(double(p.x()) - curve) < c.gap + 2 * std::max(c.spacing_a, c.spacing_b)) ++open_inside;
+    if (p.y() > 5.0f && p.y() < 15.5f &&
+        std::abs(double(p.x()) - curve) < c.gap + 2 * std::max(c.spacing_a, c.spacing_b))
+      ++open_inside;
   }
   EXPECT_EQ(open_inside, 0);
   // Area is the other half of "no overlap": a flap would add to it. 17 wide, the gap twice `gap` plus ragged borders.
@@ -123,8 +127,10 @@ INSTANTIATE_TEST_SUITE_P(Gaps, SewGap,
 
 TEST(Sew, NothingActiveNothingDone) {
   ExtractedMesh extracted;
-  append_grid(extracted, 10, 10, 0, 0, 1, 0, [](const auto&) { return true; }, 0);
-  append_grid(extracted, 10, 10, 9.5, 0, 1, 0, [](const auto&) { return true; }, 1);
+  append_grid(
+      extracted, 10, 10, 0, 0, 1, 0, [](const auto&) { return true; }, 0);
+  append_grid(
+      extracted, 10, 10, 9.5, 0, 1, 0, [](const auto&) { return true; }, 1);
   const std::size_t triangles = extracted.mesh.triangle_count();
   Context context(1);
   EXPECT_EQ(sew(extracted.mesh, {}, {}, context).front_triangles, 0u);
@@ -167,8 +173,10 @@ TEST(SplitPinchedVertices, TwoTrianglesThatTouchInAPoint) {
 
 TEST(RemoveSmallComponents, KeepsTheLargeOnes) {
   ExtractedMesh extracted;
-  append_grid(extracted, 5, 5, 0, 0, 1, 0, [](const auto&) { return true; }, 0);
-  append_grid(extracted, 2, 2, 10, 0, 1, 0, [](const auto&) { return true; }, 1);
+  append_grid(
+      extracted, 5, 5, 0, 0, 1, 0, [](const auto&) { return true; }, 0);
+  append_grid(
+      extracted, 2, 2, 10, 0, 1, 0, [](const auto&) { return true; }, 1);
   EXPECT_EQ(remove_small_components(extracted.mesh, 3), 2u);
   EXPECT_EQ(extracted.mesh.triangle_count(), 32u);
   EXPECT_EQ(extracted.mesh.vertex_count(), 25u);

@@ -34,10 +34,11 @@ TEST(Smooth, SlantedPlaneIsUnchanged) {
     const bool is_spherical = std::holds_alternative<SphericalSensor>(sensor);
     const Eigen::Vector3d normal = is_spherical ? Eigen::Vector3d(1, 0.4, 0.3) : Eigen::Vector3d(0.4, 0.3, 1);
     const Eigen::Vector3d point = is_spherical ? Eigen::Vector3d(3, 0, 0) : Eigen::Vector3d(0, 0, 3);
-    const View view = test::make_view("p", sensor, Eigen::Isometry3d::Identity(), test::plane(point, normal.normalized()));
+    const View view =
+        test::make_view("p", sensor, Eigen::Isometry3d::Identity(), test::plane(point, normal.normalized()));
     const SmoothResult result = smooth(view, {0.01, 0, 0, 0}, {}, context);
-    // Pinhole and orthographic: exact to float rounding. Spherical: what the pair correction leaves at taps of 8 samples,
-    // 44 mrad apart, on a plane aslant: a tenth of a part in a thousand of the range.
+    // Pinhole and orthographic: exact to float rounding. Spherical: what the pair correction leaves at taps of 8
+    // samples, 44 mrad apart, on a plane aslant: a tenth of a part in a thousand of the range.
     EXPECT_LT(rms_difference(result.range, view.range, 0), is_spherical ? 4e-4 : 2e-6) << kind_name(sensor);
   }
 }
@@ -60,7 +61,8 @@ TEST(Smooth, RemovesMostOfTheNoiseWithoutBias) {
 
 TEST(Smooth, StepsAndHolesStay) {
   Context context(2);
-  const test::Shape shape = test::nearest({test::rectangle(2.0, -0.4, 0.4, -0.4, 0.4), test::rectangle(2.1, -2, 2, -2, 0.8)});
+  const test::Shape shape =
+      test::nearest({test::rectangle(2.0, -0.4, 0.4, -0.4, 0.4), test::rectangle(2.1, -2, 2, -2, 0.8)});
   const View clean = test::make_view("s", test::small_camera(), Eigen::Isometry3d::Identity(), shape);
   const View noisy = test::make_view("s", test::small_camera(), Eigen::Isometry3d::Identity(), shape, 0.004);
   const SmoothResult result = smooth(noisy, {0.004, 0, 0, 0}, {}, context);
@@ -77,7 +79,8 @@ TEST(Smooth, StepsAndHolesStay) {
 
 TEST(Smooth, SameBytesForAnyThreads) {
   allow_threads(8);  // or threads beyond the processors would not be made
-  const View noisy = test::make_view("s", test::small_camera(), Eigen::Isometry3d::Identity(), test::sphere({0, 0, 3}, 1.5), 0.01);
+  const View noisy =
+      test::make_view("s", test::small_camera(), Eigen::Isometry3d::Identity(), test::sphere({0, 0, 3}, 1.5), 0.01);
   Context one(1);
   const RangeImage reference = smooth(noisy, {0.01, 0, 0, 0}, {}, one).range;
   for (const int threads : {2, 3, 8}) {

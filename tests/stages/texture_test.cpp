@@ -20,7 +20,9 @@ ColorImage coordinates_image(int w, int h, std::uint8_t blue) {
 ViewSource colored_source(const Sensor& camera, std::uint8_t blue) {
   ViewSource source;
   source.name = "view" + std::to_string(blue);
-  source.color = ColorSource{{}, camera, Eigen::Isometry3d::Identity(),
+  source.color = ColorSource{{},
+                             camera,
+                             Eigen::Isometry3d::Identity(),
                              std::make_shared<ColorImage>(coordinates_image(width(camera), height(camera), blue))};
   return source;
 }

@@ -40,7 +40,8 @@ TEST(Triangulate, GrazingPlaneIsOneSurface) {
 TEST(Triangulate, SixConfigurations) {
   EXPECT_EQ(triangulate_view(four_samples(1, 1, 1, 1)).alive_count(), 2u);
   // The farther corner makes its diagonal longer, so the other one splits the cell.
-  EXPECT_EQ(triangulate_view(four_samples(1.01f, 1, 1, 1)).cells[0] & PatchGrid::kAntiDiagonal, PatchGrid::kAntiDiagonal);
+  EXPECT_EQ(triangulate_view(four_samples(1.01f, 1, 1, 1)).cells[0] & PatchGrid::kAntiDiagonal,
+            PatchGrid::kAntiDiagonal);
   EXPECT_EQ(triangulate_view(four_samples(1, 1.01f, 1, 1)).cells[0] & PatchGrid::kAntiDiagonal, 0);
   // Exactly three on one surface, or valid: one triangle that leaves the fourth out.
   for (int missing = 0; missing < 4; ++missing)
@@ -56,8 +57,9 @@ TEST(Triangulate, SixConfigurations) {
 }
 
 TEST(Triangulate, StepIsNotBridged) {
-  const View view = test::make_view("step", test::small_camera(), Eigen::Isometry3d::Identity(),
-                                    test::nearest({test::rectangle(1.5, -0.3, 0.2, -0.3, 0.2), test::plane({0, 0, 2}, {0, 0, 1})}));
+  const View view =
+      test::make_view("step", test::small_camera(), Eigen::Isometry3d::Identity(),
+                      test::nearest({test::rectangle(1.5, -0.3, 0.2, -0.3, 0.2), test::plane({0, 0, 2}, {0, 0, 1})}));
   const PatchGrid grid = triangulate_view(view);
   for (std::size_t cell = 0; cell < grid.cells.size(); ++cell)
     for (int slot = 0; slot < 2; ++slot)
@@ -79,12 +81,13 @@ TEST(Triangulate, NoiseDoesNotTearAPlane) {
 
 // Every triangle must turn its front to the sensor, whatever the sensor's handedness.
 TEST(Triangulate, TrianglesFaceTheSensor) {
-  const std::vector<Sensor> sensors = {
-      test::small_camera(40, 40), OrthographicSensor{40, 40, 0.01, 0.01, 19.5, 19.5},
-      SphericalSensor::from_limits(90, 40, -M_PI, M_PI, 1.2, -1.2), SphericalSensor::from_limits(90, 40, M_PI, -M_PI, 1.2, -1.2),
-      SphericalSensor::from_limits(60, 40, -1, 1, -0.8, 0.8)};
+  const std::vector<Sensor> sensors = {test::small_camera(40, 40), OrthographicSensor{40, 40, 0.01, 0.01, 19.5, 19.5},
+                                       SphericalSensor::from_limits(90, 40, -M_PI, M_PI, 1.2, -1.2),
+                                       SphericalSensor::from_limits(90, 40, M_PI, -M_PI, 1.2, -1.2),
+                                       SphericalSensor::from_limits(60, 40, -1, 1, -0.8, 0.8)};
   for (const Sensor& sensor : sensors) {
-    const View view = test::make_view("s", sensor, Eigen::Isometry3d::Identity(), test::box_room({-1, -2, -1.5}, {2, 1, 1.2}));
+    const View view =
+        test::make_view("s", sensor, Eigen::Isometry3d::Identity(), test::box_room({-1, -2, -1.5}, {2, 1, 1.2}));
     const auto rays = make_ray_table(sensor);
     const PatchGrid grid = triangulate_view(view);
     ASSERT_GT(grid.alive_count(), 1000u);

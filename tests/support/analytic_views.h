@@ -93,7 +93,8 @@ inline View make_view(const std::string& name, const Sensor& sensor, const Eigen
   std::normal_distribution<double> noise(0, 1);
   for (int v = 0; v < view.range.height; ++v)
     for (int u = 0; u < view.range.width; ++u) {
-      const Eigen::Vector3d a = T_world_view * unproject(sensor, u, v, 1.0), b = T_world_view * unproject(sensor, u, v, 2.0);
+      const Eigen::Vector3d a = T_world_view * unproject(sensor, u, v, 1.0),
+                            b = T_world_view * unproject(sensor, u, v, 2.0);
       const Eigen::Vector3d direction = (b - a).normalized();
       const Eigen::Vector3d origin = a - (b - a);
       if (const auto t = shape(origin, direction)) {

@@ -64,8 +64,10 @@ void run(const IntegrateArguments& arguments) {
 void add_integrate_command(CLI::App& app) {
   auto arguments = std::make_shared<IntegrateArguments>();
   CLI::App* command = app.add_subcommand("integrate", "Integrate the views of a scene into one textured mesh");
-  command->add_option("scene", arguments->scene, "scene.json, a Stanford .conf, or a folder that is recognised")->required();
-  command->add_option("-o,--output", arguments->output, "Result: .ply (vertex colours), .glb or .obj (texture)")->required();
+  command->add_option("scene", arguments->scene, "scene.json, a Stanford .conf, or a folder that is recognised")
+      ->required();
+  command->add_option("-o,--output", arguments->output, "Result: .ply (vertex colours), .glb or .obj (texture)")
+      ->required();
   command->add_option("--report", arguments->report, "Write a report of stages, thresholds and mesh health, as JSON");
   command->add_flag("--no-texture", arguments->no_texture, "Geometry only");
   command->add_option("--hold-out", arguments->hold_out, "Leave out every Nth view, from the first, for measuring")
