@@ -4,7 +4,10 @@ find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 find_package(TBB REQUIRED)
 find_package(embree 3.13 REQUIRED)
 find_package(nanoflann REQUIRED)
-find_package(OpenEXR 3.1 REQUIRED QUIET)  # or Imath's package talks at length about its Python library
+# Debian's Imath talks at length about its Python library, which is a package of its own and not needed.
+set(CMAKE_MESSAGE_LOG_LEVEL NOTICE)
+find_package(OpenEXR 3.1 REQUIRED)
+unset(CMAKE_MESSAGE_LOG_LEVEL)
 find_package(nlohmann_json 3.11 REQUIRED)
 find_package(fmt 9 REQUIRED)
 find_package(PkgConfig REQUIRED)

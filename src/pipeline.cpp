@@ -187,6 +187,7 @@ class Integration {
     {
       StageScope stage(context_, "sew");
       SewOptions options = options_.sew;
+      if (options.registration_error_m == 0) options.registration_error_m = overlap_.registration_error_m;
       if (!options.is_seen_through)
         options.is_seen_through = [this](const Mesh& m, const Triangle& t) { return is_seam_seen_through(m, t); };
       result_.report.sew = sew(mesh, extracted.active_edges, options, context_);

@@ -16,6 +16,9 @@ class Context;
 struct SewOptions {
   /// A seam edge may be this many times as long as the sample spacing at its ends (the larger counts).
   double reach_factor = 4.0;
+  /// How far patches may lie apart because views disagree (estimate_registration_error), metres: later rounds reach this
+  /// much farther, so that a step between two patches of one surface is still bridged.
+  double registration_error_m = 0;
   /// Loops that the front leaves open are closed up to this many edges.
   int largest_loop = 32;
   /// Says whether a triangle would stand in space that a view measured as empty; such seams are not made. Corners are

@@ -17,6 +17,7 @@ using Vec2 = Eigen::Vector2f;
 // Rounds search farther and farther; the first ones take only well-shaped triangles.
 constexpr int kRounds = 5;
 constexpr float kRadiusFactor[kRounds] = {1.6f, 3.0f, 6.0f, 0.0f, 0.0f};  // × spacing; 0: as far as a seam may reach
+constexpr int kFirstFarRound = 2;  // from here on, disagreement of views adds to the reach
 constexpr float kSmallestSine[kRounds] = {0.30f, 0.25f, 0.17f, 0.10f, 0.02f};  // of the smallest angle
 // The triangle's normal against those of its corners: beyond 75° it folds back or bridges a crease.
 constexpr float kFacingCosine = 0.26f;
@@ -147,6 +148,11 @@ std::vector<float> Front::gather_spacing() const {
   return out;
 }
 
+// Twice the median disagreement covers most of it.
+float Front::extra_reach(int round) const {
+  return round >= kFirstFarRound ? 2.0f * float(options_.registration_error_m) : 0.0f;
+}
+
 // Tells the boundary vertices that an open edge may pass how far away its ends are.
 void Front::spread_edge_length(std::uint32_t a, std::uint32_t b) {
   const auto &p = mesh_.positions_m[a], &q = mesh_.positions_m[b];
@@ -166,7 +172,8 @@ float Front::find_around(std::uint32_t a, std::uint32_t b, int round, std::vecto
   const float own = std::max({spacing_[a], spacing_[b], (mesh_.positions_m[a] - mesh_.positions_m[b]).norm()});
   const Eigen::Vector3f middle = 0.5f * (mesh_.positions_m[a] + mesh_.positions_m[b]);
   const float factor = kRadiusFactor[round];
-  const float radius = factor > 0 ? std::min(factor, reach) * own : reach * own;
+  const float extra = extra_reach(round);
+  const float radius = (factor > 0 ? std::min(factor, reach) * own : reach * own) + extra;
   const float margin = std::max({0.5f * radius, edge_reach_[a], edge_reach_[b]});
   tree_.find_in_radius(middle, radius + margin, around);
   if (factor > 0) return radius;
@@ -175,14 +182,15 @@ float Front::find_around(std::uint32_t a, std::uint32_t b, int round, std::vecto
   for (const Neighbor& neighbor : around) coarsest = std::max(coarsest, spacing_[boundary_.vertices()[neighbor.index]]);
   coarsest = std::min(coarsest, std::max(own, widest_spacing_));
   if (coarsest < 1.2f * own) return radius;
-  tree_.find_in_radius(middle, reach * coarsest + margin, around);
-  return reach * coarsest;
+  tree_.find_in_radius(middle, reach * coarsest + extra + margin, around);
+  return reach * coarsest + extra;
 }
 
 bool Front::is_well_shaped(std::uint32_t a, std::uint32_t b, std::uint32_t c, int round) const {
   const auto &pa = mesh_.positions_m[a], &pb = mesh_.positions_m[b], &pc = mesh_.positions_m[c];
   const float ab = (pb - pa).norm(), bc = (pc - pb).norm(), ca = (pa - pc).norm();
-  const float longest_allowed = float(options_.reach_factor) * std::max({spacing_[a], spacing_[b], spacing_[c]});
+  const float longest_allowed =
+      float(options_.reach_factor) * std::max({spacing_[a], spacing_[b], spacing_[c]}) + extra_reach(round);
   if (std::max(bc, ca) > std::max(longest_allowed, ab)) return false;
   const Eigen::Vector3f normal = (pa - pb).cross(pc - pb);
   const float twice_area = normal.norm();

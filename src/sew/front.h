@@ -31,6 +31,7 @@ class Front {
   static std::uint64_t key(std::uint32_t a, std::uint32_t b) { return std::uint64_t(a) << 32 | b; }
 
   void measure_vertices();
+  float extra_reach(int round) const;
   std::vector<float> gather_spacing() const;
   void spread_edge_length(std::uint32_t a, std::uint32_t b);
   float find_around(std::uint32_t a, std::uint32_t b, int round, std::vector<Neighbor>& around) const;

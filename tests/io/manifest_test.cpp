@@ -201,6 +201,7 @@ TEST_F(Manifest, MissingKeysAndWrongTypes) {
   expect_change_refused("depth/right.png", "scene.json", {"scene.json", "'right'", "range.file", "JSON"});
   expect_change_refused("\"floor_m\": 0.003", "\"floor_m\": -1", {"'right'", "noise.floor_m", "negative"});
   expect_change_refused("\"floor_m\": 0.003", "\"floor_m\": 0", {"'right'", "noise", "zero"});
+  expect_change_refused("\"s2_per_m\": 0.002", "\"s1\": -0.001", {"sensors.tof.noise.s1", "floor_m"});
   expect_change_refused("\"version\": 1", "\"version\": 2", {"scene.json", "version", "2"});
   expect_change_refused("\"lapseam-scene\"", "\"other\"", {"scene.json", "format"});
   expect_change_refused("\"unit_m\": 0.5", "\"unit_m\": -1", {"scene.json", "unit_m"});
