@@ -18,7 +18,8 @@ class Folder : public testing::Test {
  protected:
   void SetUp() override {
     folder_ = fs::path(testing::TempDir()) /
-              (std::string("lapseam_simulate_") + testing::UnitTest::GetInstance()->current_test_info()->name());
+              (std::string("lapseam_simulate_") + testing::UnitTest::GetInstance()->current_test_info()->name() + "_" +
+               test::process_id());
     fs::remove_all(folder_);
   }
   void TearDown() override { fs::remove_all(folder_); }

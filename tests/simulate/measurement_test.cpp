@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 
 #include "lapseam/error.h"
 #include "support.h"
@@ -175,13 +176,13 @@ TEST(Noise, GrowsWithIncidence) {
   const SensorRig rig = make_ortho_rig(300, 300, 1.0);
   ViewSource view = look_down_from(rig, {0, 0, 3});
   view.T_world_view.linear() =
-      view.T_world_view.linear() * Eigen::AngleAxisd(M_PI / 3, Vector3d::UnitX()).toRotationMatrix();
+      view.T_world_view.linear() * Eigen::AngleAxisd(std::numbers::pi / 3, Vector3d::UnitX()).toRotationMatrix();
   SensorEffects effects;
   effects.noise = {0.002, 0, 0, 0};
   effects.incidence_1 = 0.5, effects.incidence_2 = 2;
   const Moments m = residuals(simulate_one(make_wall(), view, effects));
   ASSERT_EQ(m.count, 90000u);
-  const double angle = M_PI / 3;
+  const double angle = std::numbers::pi / 3;
   EXPECT_NEAR(m.sigma / (0.002 * (1 + 0.5 * angle + 2 * angle * angle)), 1, 0.01);
 }
 
@@ -219,7 +220,7 @@ TEST(Quantization, RoundsToSteps) {
 TEST(Dropout, GrazingWithItsProbability) {
   const SensorRig rig = make_ortho_rig(300, 300, 1.0);
   ViewSource view = look_down_from(rig, {0, 0, 3});
-  const double angle = 80 * M_PI / 180;  // cosine 0.174
+  const double angle = 80 * std::numbers::pi / 180;  // cosine 0.174
   view.T_world_view.linear() =
       view.T_world_view.linear() * Eigen::AngleAxisd(angle, Vector3d::UnitX()).toRotationMatrix();
   SensorEffects effects;
@@ -244,9 +245,9 @@ TEST(Dropout, DarkAndSpecular) {
   wall.triangle_material = {0, 1};
   const SensorRig rig = make_ortho_rig(200, 200, 1.0);
   ViewSource view = look_down_from(rig, {0, 0, 3});
-  view.T_world_view.translation() = Vector3d(3 * std::sin(M_PI / 4), 0, 3 * std::cos(M_PI / 4));
+  view.T_world_view.translation() = Vector3d(3 * std::sin(std::numbers::pi / 4), 0, 3 * std::cos(std::numbers::pi / 4));
   view.T_world_view.linear() =
-      Eigen::AngleAxisd(M_PI / 4, Vector3d::UnitY()).toRotationMatrix() * view.T_world_view.linear();
+      Eigen::AngleAxisd(std::numbers::pi / 4, Vector3d::UnitY()).toRotationMatrix() * view.T_world_view.linear();
   SensorEffects effects;
   effects.dark_dropout = 1;
   const auto dark = simulate_one(wall, view, effects);

@@ -2,6 +2,8 @@
 
 // What the tests of simulation share.
 
+#include <unistd.h>
+
 #include <cstring>
 #include <string>
 
@@ -30,6 +32,9 @@ inline ViewSource look_down_from(const SensorRig& rig, const Eigen::Vector3d& ey
   view.T_world_view.translation() = eye;
   return view;
 }
+
+/// Keeps apart the files of test programs that run at the same time.
+inline std::string process_id() { return std::to_string(::getpid()); }
 
 inline SensorEffects no_effects() { return {}; }
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <numbers>
 
 #include "lapseam/error.h"
 #include "simulate/coverage.h"
@@ -73,7 +74,7 @@ TEST_P(Walk, StaysInFreeSpaceTurnsGentlyAndSeesTheRoom) {
     const double turn = std::acos(std::clamp(forward_of(plan[i]).dot(forward_of(plan[i - 1])), -1.0, 1.0));
     EXPECT_LT(step, 1.0) << i;
     // What a brisk hand does on that way, and three deviations of its tremor.
-    EXPECT_LT(turn, (25 + 70 * step) * M_PI / 180 + 0.12) << i;
+    EXPECT_LT(turn, (25 + 70 * step) * std::numbers::pi / 180 + 0.12) << i;
   }
   const auto views = simulate_views(room, plan, scaled(rig.effects, 0), 1, context);
   double filled = 0;
@@ -174,7 +175,8 @@ class PoseFile : public testing::Test {
  protected:
   void write(const std::string& text) { std::ofstream(file_) << text; }
   void TearDown() override { std::filesystem::remove(file_); }
-  std::filesystem::path file_ = std::filesystem::path(testing::TempDir()) / "lapseam_poses.txt";
+  std::filesystem::path file_ =
+      std::filesystem::path(testing::TempDir()) / ("lapseam_poses_" + test::process_id() + ".txt");
 };
 
 TEST_F(PoseFile, ReadsQuaternionsAndMatrices) {
@@ -197,7 +199,7 @@ TEST_F(PoseFile, NamesFileAndLineOfWhatIsWrong) {
       ADD_FAILURE() << text;
     } catch (const InvalidInput& error) {
       EXPECT_NE(std::string(error.what()).find("line 1"), std::string::npos) << error.what();
-      EXPECT_NE(std::string(error.what()).find("lapseam_poses.txt"), std::string::npos) << error.what();
+      EXPECT_NE(std::string(error.what()).find("lapseam_poses_"), std::string::npos) << error.what();
     }
   }
   write("# nothing\n");

@@ -51,6 +51,26 @@ TEST_P(ClosestOnSliver, is_found_however_thin_the_triangle) {
   }
 }
 
+TEST_P(ClosestOnSliver, point_on_it_is_at_no_distance) {
+  const float thickness_m = GetParam();
+  std::mt19937 random(6);
+  std::uniform_real_distribution<float> coordinate(-0.6f, 0.6f), weight(0, 1);
+  Context context(1);
+  for (int trial = 0; trial < 300; ++trial) {
+    const Eigen::Vector3f along = Eigen::Vector3f(coordinate(random), coordinate(random), 1).normalized();
+    const Eigen::Vector3f aside = along.cross(Eigen::Vector3f::UnitX()).normalized();
+    const Eigen::Vector3f base(3.3f, -2.1f, 1.7f);
+    const std::vector<Eigen::Vector3f> corners = {base, base + along,
+                                                  base + weight(random) * along + thickness_m * aside};
+    const RayScene scene(corners, std::vector<Triangle>{{0, 1, 2}}, context);
+    float b1 = weight(random), b2 = weight(random);
+    if (b1 + b2 > 1) b1 = 1 - b1, b2 = 1 - b2;
+    const Eigen::Vector3f p = corners[0] + b1 * (corners[1] - corners[0]) + b2 * (corners[2] - corners[0]);
+    // The point itself is rounded: half a unit of the last place of 4 m in each direction, some operations.
+    EXPECT_LT(double(scene.closest(p).distance), 2e-6);
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Thickness_m, ClosestOnSliver, testing::Values(0.5f, 1e-3f, 1e-5f, 1e-6f, 3e-7f, 0.f));
 
 TEST(ClosestPoint, equal_distances_give_the_smaller_index) {
