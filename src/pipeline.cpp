@@ -5,7 +5,6 @@
 
 #include "core/parallel.h"
 #include "lapseam/error.h"
-#include "lapseam/extract.h"
 #include "lapseam/integrate.h"
 #include "lapseam/io.h"
 #include "lapseam/survey.h"
@@ -26,8 +25,8 @@ class Integration {
     load_views();
     estimate_sensors();
     prepare_patches();
-    remove_overlap();
-    extract_and_sew();
+    zip();
+    clean();
     color();
     {
       StageScope stage(context_, "health");
@@ -156,52 +155,43 @@ class Integration {
     });
   }
 
-  void remove_overlap() {
-    StageScope stage(context_, "overlap", patches_.size());
-    OverlapRemoval removal(overlap_);
-    for (std::size_t i = 0; i < patches_.size(); ++i) {
-      result_.report.views[i].overlap = removal.add(std::span(patches_).first(i + 1), context_);
-      stage.advance();
+  // Every spot belongs to the view that measured it best; what is left open is filled in a second round by whichever
+  // view saw it.
+  void zip() {
+    std::vector<Image<std::uint8_t>> claims;
+    {
+      StageScope stage(context_, "overlap");
+      std::vector<ClaimCounts> counts(patches_.size());
+      claims = claim_samples(patches_, {overlap_, options_.smallest_island}, counts, context_);
+      for (std::size_t i = 0; i < patches_.size(); ++i) result_.report.views[i].claims = counts[i];
     }
-    result_.report.triangles_in_islands = lapseam::remove_islands(patches_, options_.smallest_island, context_);
-    for (std::size_t i = 0; i < patches_.size(); ++i)
-      result_.report.views[i].triangles_in_model = patches_[i].grid.alive_count();
+    StageScope stage(context_, "sew", 2 * patches_.size());
+    Zipper zipper(patches_, overlap_);
+    for (const Claim least : {Claim::kBest, Claim::kYields})
+      for (std::size_t i = 0; i < patches_.size(); ++i) {
+        Image<std::uint8_t> wanted = claims[i];
+        for (std::uint8_t& c : wanted.pixels)
+          c = c == std::uint8_t(Claim::kBest) || c == std::uint8_t(least);
+        zipper.add(std::uint32_t(i), wanted, context_);
+        stage.advance();
+      }
+    result_.report.zipper = zipper.report();
+    result_.mesh = zipper.take();
   }
 
-  // A seam must not stand where one of its own views looked through.
-  bool is_seam_seen_through(const Mesh& mesh, const Triangle& t) const {
-    const Eigen::Vector3f centroid = (mesh.positions_m[t[0]] + mesh.positions_m[t[1]] + mesh.positions_m[t[2]]) / 3;
-    const Eigen::Vector3d world = mesh.origin_m + centroid.cast<double>();
-    for (std::size_t k = 0; k < 3; ++k)
-      if (is_seen_through(patches_[mesh.vertex_view[t[k]]], world, overlap_)) return true;
-    return false;
-  }
-
-  void extract_and_sew() {
-    ExtractedMesh extracted;
-    {
-      StageScope stage(context_, "extract");
-      extracted = extract(patches_, context_);
+  void clean() {
+    Mesh& mesh = result_.mesh;
+    StageScope stage(context_, "clean");
+    result_.report.triangles_in_small_components = remove_small_components(mesh, options_.smallest_component);
+    result_.report.pinched_vertices_split = split_pinched_vertices(mesh);
+    for (ViewReport& view : result_.report.views) view.triangles_in_model = 0;
+    for (std::uint32_t& view : mesh.triangle_view) {
+      ++result_.report.views[view].triangles_in_model;
+      view = source_index_[view];
     }
-    Mesh& mesh = extracted.mesh;
-    {
-      StageScope stage(context_, "sew");
-      SewOptions options = options_.sew;
-      if (options.registration_error_m == 0) options.registration_error_m = overlap_.registration_error_m;
-      if (!options.is_seen_through)
-        options.is_seen_through = [this](const Mesh& m, const Triangle& t) { return is_seam_seen_through(m, t); };
-      result_.report.sew = sew(mesh, extracted.active_edges, options, context_);
-    }
-    {
-      StageScope stage(context_, "clean");
-      result_.report.triangles_in_small_components = remove_small_components(mesh, options_.smallest_component);
-      result_.report.pinched_vertices_split = split_pinched_vertices(mesh);
-    }
+    for (std::uint32_t& view : mesh.vertex_view) view = source_index_[view];
     patches_.clear();
     patches_.shrink_to_fit();
-    for (std::uint32_t& view : mesh.vertex_view) view = source_index_[view];
-    for (std::uint32_t& view : mesh.triangle_view) view = source_index_[view];
-    result_.mesh = std::move(mesh);
   }
 
   void color() {

@@ -14,11 +14,8 @@ Json of_noise(const NoiseModel& noise) {
   return {{"s0_m", noise.s0_m}, {"s1", noise.s1}, {"s2_per_m", noise.s2_per_m}, {"floor_m", noise.floor_m}};
 }
 
-Json of_overlap(const OverlapCounts& counts) {
-  return {{"tested", counts.tested},
-          {"removed_old", counts.removed_old},
-          {"removed_new", counts.removed_new},
-          {"removed_seen_through", counts.removed_seen_through}};
+Json of_claims(const ClaimCounts& counts) {
+  return {{"best", counts.best}, {"yields", counts.yields}, {"phantom", counts.phantom}, {"islands", counts.islands}};
 }
 
 Json of_sensor(const SensorReport& sensor) {
@@ -39,7 +36,7 @@ Json of_view(const ViewReport& view) {
           {"triangles", view.triangles},
           {"triangles_in_model", view.triangles_in_model},
           {"smoothing_sigma_factor", view.smoothing_sigma_factor},
-          {"overlap", of_overlap(view.overlap)}};
+          {"samples_claimed", of_claims(view.claims)}};
 }
 
 }  // namespace
@@ -58,11 +55,9 @@ std::string to_json(const IntegrateReport& report, const Context& context) {
   json["registration_error_m"] = report.registration_error_m;
   json["views_left_out"] = report.views_left_out;
   for (const ViewReport& view : report.views) json["views"].push_back(of_view(view));
-  json["triangles_in_islands"] = report.triangles_in_islands;
-  json["sew"] = {{"active_edges", report.sew.active_edges},
-                 {"front_triangles", report.sew.front_triangles},
-                 {"loop_triangles", report.sew.loop_triangles},
-                 {"open_edges", report.sew.open_edges},
+  json["sew"] = {{"measured_triangles", report.zipper.measured_triangles},
+                 {"seam_triangles", report.zipper.seam_triangles},
+                 {"open_edges", report.zipper.open_edges},
                  {"pinched_vertices_split", report.pinched_vertices_split},
                  {"triangles_in_small_components", report.triangles_in_small_components}};
   json["atlas"] = {{"charts", report.atlas.charts},

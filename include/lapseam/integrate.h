@@ -9,11 +9,13 @@
 
 #include "lapseam/health.h"
 #include "lapseam/mesh.h"
+#include "lapseam/claims.h"
 #include "lapseam/overlap.h"
 #include "lapseam/sew.h"
 #include "lapseam/smooth.h"
 #include "lapseam/texture.h"
 #include "lapseam/view.h"
+#include "lapseam/zipper.h"
 
 namespace lapseam {
 
@@ -36,7 +38,7 @@ struct IntegrateOptions {
   /// Leave out views that cannot be loaded, with a warning, instead of failing.
   bool skip_bad_views = false;
   /// Pieces of a view smaller than this that overlap removal cut out are given to the seam between their neighbours.
-  std::uint64_t smallest_island = 40;
+  std::uint64_t smallest_island = 100;
   /// Connected pieces of fewer triangles are dropped: noise, not surface.
   std::uint64_t smallest_component = 20;
   /// Count self-intersecting triangles in the report; exact, and about as slow as the sewing.
@@ -50,7 +52,7 @@ struct ViewReport {
   std::uint64_t triangles = 0;           ///< after triangulation
   std::uint64_t triangles_in_model = 0;  ///< still alive at the end
   double smoothing_sigma_factor = 1;     ///< share of the noise that smoothing left
-  OverlapCounts overlap;                 ///< when it was added
+  ClaimCounts claims;                    ///< of its samples
 };
 
 /// The thresholds of one sensor, as they were derived from its data.
@@ -68,8 +70,7 @@ struct IntegrateReport {
   std::vector<ViewReport> views;
   std::map<std::string, SensorReport> sensors;  ///< by sensor id
   double registration_error_m = 0;
-  std::uint64_t triangles_in_islands = 0;  ///< removed as confetti before sewing
-  SewReport sew;
+  ZipperReport zipper;
   std::uint64_t pinched_vertices_split = 0;
   std::uint64_t triangles_in_small_components = 0;
   AtlasReport atlas;

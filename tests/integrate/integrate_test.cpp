@@ -159,7 +159,7 @@ TEST(Integrate, ViewsThatDoNotOverlapStayApart) {
   const IntegrateResult result = integrate(scene, {}, context);
   expect_valid_mesh(result.mesh);
   EXPECT_EQ(result.report.health.components, 2u);
-  EXPECT_EQ(result.report.sew.front_triangles, 0u);
+  EXPECT_EQ(result.report.zipper.seam_triangles, 0u);
 }
 
 TEST(Integrate, CancelStopsTheWork) {

@@ -1,0 +1,48 @@
+#pragma once
+
+// The model grows view by view: in the image plane of each view, what it adds and the border of what is already there
+// are triangulated together, so that nothing overlaps and no gap stays. After Turk & Levoy 1994, §4 (clipping one
+// border against the other), and Sun, Dumont, Abidi 2000, §2.3.
+
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "lapseam/mesh.h"
+#include "lapseam/overlap.h"
+#include "lapseam/patch.h"
+
+namespace lapseam {
+
+class Context;
+
+struct ZipperReport {
+  std::uint64_t measured_triangles = 0;  ///< taken over from the views as they are
+  std::uint64_t seam_triangles = 0;      ///< made between views
+  std::uint64_t open_edges = 0;          ///< of the model, at the end
+};
+
+/// Grows a mesh from patches. No two triangles that one view can see overlap in its image; every edge has at most two
+/// triangles, in opposite directions; new triangles face the view that added them.
+class Zipper {
+ public:
+  /// The patches must outlive the zipper.
+  Zipper(std::span<const Patch> patches, const OverlapOptions& options);
+  ~Zipper();
+
+  /// Adds the samples of patch `index` for which wanted is not 0 (one per pixel) wherever the model does not cover them,
+  /// and closes what gaps between them and the model, and within the model, the view measured as surface. May be called
+  /// again for the same view.
+  void add(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context);
+
+  const Mesh& mesh() const;
+  ZipperReport report() const;
+  /// The mesh with provenance; the zipper is empty afterwards.
+  Mesh take();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace lapseam

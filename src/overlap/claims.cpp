@@ -1,0 +1,243 @@
+// Based on: Y. Sun, C. Dumont, M. Abidi, Mesh-based Integration of Range and Color Images, 2000, §2.2.
+
+#include "lapseam/claims.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/parallel.h"
+#include "overlap/view_projection.h"
+
+namespace lapseam {
+namespace {
+
+constexpr float kRegistrationFactor = 2.0f;  // twice the median disagreement covers most of it
+constexpr float kClearanceFactor = 2.0f;     // to be empty, space must be clearer than to be the same surface
+constexpr float kLowestCosine = 0.15f;       // 81°: beyond, a range says nothing about a normal distance
+constexpr float kSameSide = 0.7f;            // views this much alike in direction see the same side of a sheet
+
+std::uint8_t code(Claim claim) { return static_cast<std::uint8_t>(claim); }
+
+// What another view needs to be asked about a sample.
+struct Judge {
+  const Patch* patch;
+  const PinholeSensor* pinhole;  // without distortion
+  Eigen::Isometry3d T_judge_view;
+  Eigen::Matrix3f R;
+  Eigen::Vector3f t;
+  bool wins_ties;
+};
+
+Judge make_judge(const Patch& judge, const Patch& view) {
+  Judge j;
+  j.patch = &judge;
+  j.pinhole = std::get_if<PinholeSensor>(&judge.view.sensor);
+  if (j.pinhole && !j.pinhole->distortion.is_zero()) j.pinhole = nullptr;
+  j.T_judge_view = judge.view.T_world_view.inverse() * view.view.T_world_view;
+  j.R = j.T_judge_view.linear().cast<float>();
+  j.t = j.T_judge_view.translation().cast<float>();
+  j.wins_ties = &judge < &view;
+  return j;
+}
+
+struct Pixel {
+  float u, v, r;
+};
+
+bool project_into(const Judge& judge, const Eigen::Vector3f& p_view, Pixel& out) {
+  if (judge.pinhole) {
+    const Eigen::Vector3f p = judge.R * p_view + judge.t;
+    if (!(p.z() > 0)) return false;
+    const float inverse = 1 / p.z();
+    out = {float(judge.pinhole->fx) * p.x() * inverse + float(judge.pinhole->cx),
+           float(judge.pinhole->fy) * p.y() * inverse + float(judge.pinhole->cy), p.z()};
+    return true;
+  }
+  const auto at = project(judge.patch->view.sensor, judge.T_judge_view * p_view.cast<double>());
+  if (!at) return false;
+  out = {float(at->u), float(at->v), float(at->r)};
+  return true;
+}
+
+// Judges the samples of one tile of one view.
+class TileClaims {
+ public:
+  TileClaims(const Patch& patch, const OverlapOptions& options, Image<std::uint8_t>& claims)
+      : patch_(patch), options_(options), claims_(claims), w_(patch.grid.width), h_(patch.grid.height) {}
+
+  void run(const PatchTile& tile, const std::vector<Judge>& judges) {
+    // Samples of the tile's cells; the last row and column belong to the next tile.
+    for (int v = tile.v0; v < tile.v1; ++v)
+      for (int u = tile.u0; u < tile.u1; ++u) {
+        const std::size_t i = patch_.confidence.index(u, v);
+        if (patch_.confidence.pixels[i] > 0) claims_.pixels[i] = code(claim_of(u, v, i, judges));
+      }
+  }
+
+ private:
+  Claim claim_of(int u, int v, std::size_t i, const std::vector<Judge>& judges) const {
+    const Eigen::Vector3f p = patch_.point_in_view(i);
+    const float confidence = patch_.confidence.pixels[i];
+    const float error = float(patch_.noise.sigma(double(patch_.view.range.pixels[i]))) *
+                        std::max(0.05f, float(patch_.incidence.pixels[i]) / 255);
+    Claim claim = Claim::kBest;
+    for (const Judge& judge : judges) {
+      Pixel at;
+      if (!project_into(judge, p, at)) continue;
+      const Patch& other = *judge.patch;
+      const int w = other.grid.width, h = other.grid.height;
+      const int x = int(std::floor(at.u + 0.5f)), y = int(std::floor(at.v + 0.5f));
+      if (y < 1 || y >= h - 1) continue;
+      if (!other.grid.wraps && (x < 1 || x >= w - 1)) continue;
+      const std::size_t pixel = other.confidence.index(other.grid.wraps ? (x % w + w) % w : x, y);
+      const float other_confidence = other.confidence.pixels[pixel];
+      if (!(other_confidence > 0)) continue;
+      const float measured = other.view.range.pixels[pixel];
+      const float cosine = std::max(kLowestCosine, float(other.incidence.pixels[pixel]) / 255);
+      const float own = float(other.noise.sigma(double(measured))) * cosine;
+      const float along_normal = float(options_.noise_factor) * std::sqrt(own * own + error * error) +
+                                 kRegistrationFactor * float(options_.registration_error_m);
+      // The sample may lie up to half a pixel from the other view's: the surface's slope makes a difference of that.
+      const float spacing = (other.rays->directions[pixel] - other.rays->directions[pixel - 1]).norm() * measured;
+      const float slack = 0.7f * spacing * std::sqrt(1 - cosine * cosine) / cosine;
+      const float behind = measured - at.r;
+      if (std::abs(behind) <= along_normal / cosine + slack) {
+        if (claim == Claim::kYields) continue;
+        const bool wins = other_confidence > confidence || (other_confidence == confidence && judge.wins_ties);
+        if (wins && is_same_side(judge, u, v, i)) claim = Claim::kYields;
+      } else if (options_.remove_seen_through && behind > 0 &&
+                 is_seen_through(other, x, y, at.r, kClearanceFactor * along_normal)) {
+        return Claim::kPhantom;
+      }
+    }
+    return claim;
+  }
+
+  // In every sample around: clearly behind.
+  bool is_seen_through(const Patch& other, int x, int y, float r, float clearance_m) const {
+    const int w = other.grid.width;
+    for (int dy = -1; dy <= 1; ++dy)
+      for (int dx = -1; dx <= 1; ++dx) {
+        const int u = other.grid.wraps ? ((x + dx) % w + w) % w : x + dx;
+        const std::size_t pixel = other.confidence.index(u, y + dy);
+        if (!(other.confidence.pixels[pixel] > 0)) return false;
+        const float cosine = std::max(kLowestCosine, float(other.incidence.pixels[pixel]) / 255);
+        const float measured = other.view.range.pixels[pixel];
+        if (measured - r < clearance_m / cosine + kClearanceFactor * float(other.noise.sigma(double(measured))))
+          return false;
+      }
+    return true;
+  }
+
+  // Whether the other view looks at the side of the surface that this one measured.
+  bool is_same_side(const Judge& judge, int u, int v, std::size_t i) const {
+    if (!judge.patch->rays->origins.empty() || !patch_.rays->origins.empty()) return true;
+    const Eigen::Vector3f p = patch_.point_in_view(i), ray = judge.R * p + judge.t;
+    const float alike = (judge.R * p).dot(ray);
+    if (alike > kSameSide * p.norm() * ray.norm()) return true;
+    const Eigen::Vector3f normal = judge.R * wide_normal(u, v);
+    return normal.dot(ray) < 0;
+  }
+
+  // Towards the sensor, from differences over a few samples.
+  Eigen::Vector3f wide_normal(int u, int v) const {
+    const auto reach = [&](int du, int dv) {
+      std::size_t best = patch_.confidence.index(u, v);
+      for (int k = 1; k <= 3; ++k) {
+        const int x = u + k * du, y = v + k * dv;
+        if (x < 0 || y < 0 || x >= w_ || y >= h_) break;
+        const std::size_t i = patch_.confidence.index(x, y);
+        if (!(patch_.confidence.pixels[i] > 0)) break;
+        best = i;
+      }
+      return patch_.point_in_view(best);
+    };
+    const Eigen::Vector3f normal = (reach(0, 1) - reach(0, -1)).cross(reach(1, 0) - reach(-1, 0));
+    return patch_.grid.is_mirrored ? Eigen::Vector3f(-normal) : normal;
+  }
+
+  const Patch& patch_;
+  const OverlapOptions& options_;
+  Image<std::uint8_t>& claims_;
+  int w_, h_;
+};
+
+// Connected samples of one claim that are fewer than `smallest` and border on the other claim change sides.
+std::uint64_t give_islands(const PatchGrid& grid, Image<std::uint8_t>& claims, Claim from, Claim to,
+                           std::uint64_t smallest) {
+  const int w = grid.width, h = grid.height;
+  std::vector<std::uint8_t> visited(claims.size(), 0);
+  std::vector<std::uint32_t> piece;
+  std::uint64_t given = 0;
+  for (std::size_t seed = 0; seed < claims.size(); ++seed) {
+    if (visited[seed] || claims.pixels[seed] != code(from)) continue;
+    piece.assign(1, std::uint32_t(seed));
+    visited[seed] = 1;
+    bool borders = false;
+    for (std::size_t k = 0; k < piece.size(); ++k) {
+      const int u = int(piece[k] % std::uint32_t(w)), v = int(piece[k] / std::uint32_t(w));
+      const auto visit = [&](int x, int y) {
+        if (y < 0 || y >= h) return;
+        if (x < 0 || x >= w) {
+          if (!grid.wraps) return;
+          x = (x + w) % w;
+        }
+        const std::size_t i = claims.index(x, y);
+        borders |= claims.pixels[i] == code(to);
+        if (visited[i] || claims.pixels[i] != code(from)) return;
+        visited[i] = 1;
+        piece.push_back(std::uint32_t(i));
+      };
+      visit(u - 1, v), visit(u + 1, v), visit(u, v - 1), visit(u, v + 1);
+    }
+    if (!borders || piece.size() >= smallest) continue;
+    for (const std::uint32_t i : piece) claims.pixels[i] = code(to);
+    given += piece.size();
+  }
+  return given;
+}
+
+}  // namespace
+
+std::vector<Image<std::uint8_t>> claim_samples(std::span<const Patch> patches, const ClaimOptions& options,
+                                               std::span<ClaimCounts> counts, Context& context) {
+  std::vector<ViewCone> cones(patches.size());
+  std::vector<std::vector<PatchTile>> tiles(patches.size());
+  std::vector<Image<std::uint8_t>> claims(patches.size());
+  struct Task {
+    std::size_t view, tile;
+  };
+  parallel_for(context, patches.size(), 1, [&](std::size_t i) {
+    cones[i] = make_cone(patches[i]);
+    tiles[i] = make_tiles(patches[i]);
+    claims[i] = Image<std::uint8_t>(patches[i].grid.width, patches[i].grid.height, 0);
+  });
+  std::vector<Task> tasks;
+  for (std::size_t i = 0; i < patches.size(); ++i)
+    for (std::size_t k = 0; k < tiles[i].size(); ++k) tasks.push_back({i, k});
+  parallel_for(context, tasks.size(), 4, [&](std::size_t k) {
+    const std::size_t i = tasks[k].view;
+    const PatchTile& tile = tiles[i][tasks[k].tile];
+    std::vector<Judge> judges;
+    for (std::size_t j = 0; j < patches.size(); ++j) {
+      if (j == i) continue;
+      Judge judge = make_judge(patches[j], patches[i]);
+      if (cones[j].can_see(judge.R * tile.center_in_view + judge.t, tile.radius_m)) judges.push_back(judge);
+    }
+    TileClaims(patches[i], options.overlap, claims[i]).run(tile, judges);
+  });
+  parallel_for(context, patches.size(), 1, [&](std::size_t i) {
+    ClaimCounts sum;
+    sum.islands += give_islands(patches[i].grid, claims[i], Claim::kBest, Claim::kYields, options.smallest_island);
+    sum.islands += give_islands(patches[i].grid, claims[i], Claim::kYields, Claim::kBest, options.smallest_island);
+    for (const std::uint8_t c : claims[i].pixels) {
+      sum.best += c == code(Claim::kBest);
+      sum.yields += c == code(Claim::kYields);
+      sum.phantom += c == code(Claim::kPhantom);
+    }
+    if (!counts.empty()) counts[i] = sum;
+  });
+  return claims;
+}
+
+}  // namespace lapseam
