@@ -35,7 +35,7 @@ struct ClaimCounts {
 /// One image of Claim per patch. Every sample is projected into every view that can see it; it yields to a view that
 /// measured the same surface there with more confidence. Equal confidence: the earlier view. Deterministic. counts: one
 /// per patch, or empty.
-std::vector<Image<std::uint8_t>> claim_samples(std::span<const Patch> patches, const ClaimOptions& options,
+std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const ClaimOptions& options,
                                                std::span<ClaimCounts> counts, Context& context);
 
 }  // namespace lapseam

@@ -62,8 +62,8 @@ bool project_into(const Judge& judge, const Eigen::Vector3f& p_view, Pixel& out)
 // Judges the samples of one tile of one view.
 class TileClaims {
  public:
-  TileClaims(const Patch& patch, const OverlapOptions& options, Image<std::uint8_t>& claims)
-      : patch_(patch), options_(options), claims_(claims), w_(patch.grid.width), h_(patch.grid.height) {}
+  TileClaims(const Patch& patch, const OverlapOptions& options, Image<std::uint8_t>& claims, Image<float>& shift)
+      : patch_(patch), options_(options), claims_(claims), shift_(shift), w_(patch.grid.width), h_(patch.grid.height) {}
 
   void run(const PatchTile& tile, const std::vector<Judge>& judges) {
     // Samples of the tile's cells; the last row and column belong to the next tile.
@@ -75,12 +75,15 @@ class TileClaims {
   }
 
  private:
-  Claim claim_of(int u, int v, std::size_t i, const std::vector<Judge>& judges) const {
+  Claim claim_of(int u, int v, std::size_t i, const std::vector<Judge>& judges) {
     const Eigen::Vector3f p = patch_.point_in_view(i);
     const float confidence = patch_.confidence.pixels[i];
     const float error = float(patch_.noise.sigma(double(patch_.view.range.pixels[i]))) *
                         std::max(0.05f, float(patch_.incidence.pixels[i]) / 255);
+    const auto registration = float(options_.registration_error_m);
+    const float systematic = registration * registration;
     Claim claim = Claim::kBest;
+    float sum = 0, weighted = 0;
     for (const Judge& judge : judges) {
       Pixel at;
       if (!project_into(judge, p, at)) continue;
@@ -100,17 +103,44 @@ class TileClaims {
       // The sample may lie up to half a pixel from the other view's: the surface's slope makes a difference of that.
       const float spacing = (other.rays->directions[pixel] - other.rays->directions[pixel - 1]).norm() * measured;
       const float slack = 0.7f * spacing * std::sqrt(1 - cosine * cosine) / cosine;
-      const float behind = measured - at.r;
+      float between = measured;
+      const bool is_smooth = interpolate(other, at, between);
+      const float behind = between - at.r;
       if (std::abs(behind) <= along_normal / cosine + slack) {
-        if (claim == Claim::kYields) continue;
-        const bool wins = other_confidence > confidence || (other_confidence == confidence && judge.wins_ties);
-        if (wins && is_same_side(judge, u, v, i)) claim = Claim::kYields;
+        if (!is_same_side(judge, u, v, i)) continue;
+        // Both errors are taken along the normal, where they mean the same for both views.
+        static const float G = getenv("GATE") ? float(atof(getenv("GATE"))) : 0.5f;
+        if (is_smooth && std::abs(behind) * cosine <= G * std::sqrt(own * own + error * error + systematic)) {
+          const float weight = 1 / (own * own + systematic);
+          sum += weight;
+          weighted += weight * behind * cosine;
+        }
+        if (other_confidence > confidence || (other_confidence == confidence && judge.wins_ties)) claim = Claim::kYields;
       } else if (options_.remove_seen_through && behind > 0 &&
                  is_seen_through(other, x, y, at.r, kClearanceFactor * along_normal)) {
         return Claim::kPhantom;
       }
     }
+    if (sum > 0) {
+      const float own_weight = 1 / (error * error + systematic);
+      const float cosine = std::max(kLowestCosine, float(patch_.incidence.pixels[i]) / 255);
+      shift_.pixels[i] = weighted / (sum + own_weight) / cosine;
+    }
     return claim;
+  }
+
+  // Range of the other view's surface between its samples; where they part, that of the nearest.
+  static bool interpolate(const Patch& other, const Pixel& at, float& out) {
+    const int u = int(std::floor(at.u)), v = int(std::floor(at.v)), w = other.grid.width;
+    if (v < 0 || v + 1 >= other.grid.height || (!other.grid.wraps && (u < 0 || u + 1 >= w))) return false;
+    const int u0 = other.grid.wraps ? (u % w + w) % w : u, u1 = u0 + 1 < w ? u0 + 1 : 0;
+    const std::size_t cell = other.confidence.index(u0, v);
+    if (!other.grid.exists(cell, 0) || !other.grid.exists(cell, 1)) return false;
+    const auto& range = other.view.range;
+    const float s = at.u - float(u), t = at.v - float(v);
+    out = (1 - t) * ((1 - s) * range.at(u0, v) + s * range.at(u1, v)) +
+          t * ((1 - s) * range.at(u0, v + 1) + s * range.at(u1, v + 1));
+    return true;
   }
 
   // In every sample around: clearly behind.
@@ -159,6 +189,7 @@ class TileClaims {
   const Patch& patch_;
   const OverlapOptions& options_;
   Image<std::uint8_t>& claims_;
+  Image<float>& shift_;
   int w_, h_;
 };
 
@@ -199,11 +230,12 @@ std::uint64_t give_islands(const PatchGrid& grid, Image<std::uint8_t>& claims, C
 
 }  // namespace
 
-std::vector<Image<std::uint8_t>> claim_samples(std::span<const Patch> patches, const ClaimOptions& options,
+std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const ClaimOptions& options,
                                                std::span<ClaimCounts> counts, Context& context) {
   std::vector<ViewCone> cones(patches.size());
   std::vector<std::vector<PatchTile>> tiles(patches.size());
   std::vector<Image<std::uint8_t>> claims(patches.size());
+  std::vector<Image<float>> shifts(patches.size());
   struct Task {
     std::size_t view, tile;
   };
@@ -211,6 +243,7 @@ std::vector<Image<std::uint8_t>> claim_samples(std::span<const Patch> patches, c
     cones[i] = make_cone(patches[i]);
     tiles[i] = make_tiles(patches[i]);
     claims[i] = Image<std::uint8_t>(patches[i].grid.width, patches[i].grid.height, 0);
+    shifts[i] = Image<float>(patches[i].grid.width, patches[i].grid.height, 0.0f);
   });
   std::vector<Task> tasks;
   for (std::size_t i = 0; i < patches.size(); ++i)
@@ -224,9 +257,11 @@ std::vector<Image<std::uint8_t>> claim_samples(std::span<const Patch> patches, c
       Judge judge = make_judge(patches[j], patches[i]);
       if (cones[j].can_see(judge.R * tile.center_in_view + judge.t, tile.radius_m)) judges.push_back(judge);
     }
-    TileClaims(patches[i], options.overlap, claims[i]).run(tile, judges);
+    TileClaims(patches[i], options.overlap, claims[i], shifts[i]).run(tile, judges);
   });
   parallel_for(context, patches.size(), 1, [&](std::size_t i) {
+    if (!getenv("NOCONS"))
+    for (std::size_t k = 0; k < shifts[i].size(); ++k) patches[i].view.range.pixels[k] += shifts[i].pixels[k];
     ClaimCounts sum;
     sum.islands += give_islands(patches[i].grid, claims[i], Claim::kBest, Claim::kYields, options.smallest_island);
     sum.islands += give_islands(patches[i].grid, claims[i], Claim::kYields, Claim::kBest, options.smallest_island);

@@ -52,7 +52,8 @@ Eigen::Vector3f ViewCanvas::ray_to(const Eigen::Vector3f& position_m) const {
 float ViewCanvas::tolerance(std::size_t pixel, float error_m) const {
   const float cosine = float(patch_.incidence.pixels[pixel]) / 255;
   const float own = float(patch_.noise.sigma(double(patch_.view.range.pixels[pixel]))) * cosine;
-  const float along_normal = float(options_.noise_factor) * std::sqrt(own * own + error_m * error_m) +
+  static const float kTolF = getenv("TOLF") ? float(atof(getenv("TOLF"))) : 1.0f;
+  const float along_normal = kTolF * float(options_.noise_factor) * std::sqrt(own * own + error_m * error_m) +
                              kRegistrationFactor * float(options_.registration_error_m);
   return along_normal / std::max(cosine, kLowestCosine);
 }

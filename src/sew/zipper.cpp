@@ -46,32 +46,45 @@ class WideNormal {
   Eigen::Vector3f at(int u, int v) const {
     const Eigen::Vector3f along_u = farthest(u, v, 1, 0) - farthest(u, v, -1, 0);
     const Eigen::Vector3f along_v = farthest(u, v, 0, 1) - farthest(u, v, 0, -1);
-    const Eigen::Vector3f normal = along_v.cross(along_u).normalized();
-    return patch_.grid.is_mirrored ? Eigen::Vector3f(-normal) : normal;
+    Eigen::Vector3f normal = along_v.cross(along_u);
+    if (patch_.grid.is_mirrored) normal = -normal;
+    const Eigen::Vector3f& ray = patch_.rays->directions[patch_.confidence.index(u, v)];
+    // What was measured faces the sensor, whatever noise makes of it.
+    if (!(normal.dot(ray) < 0)) normal = -ray;
+    return normal.normalized();
   }
 
  private:
-  Eigen::Vector3f farthest(int u, int v, int du, int dv) const {
-    std::size_t best = patch_.confidence.index(u, v);
-    float step = 0;
-    for (int k = 1; k <= 4; ++k) {
-      int x = u + k * du;
-      const int y = v + k * dv;
-      if (y < 0 || y >= h_) break;
-      if (x < 0 || x >= w_) {
-        if (!patch_.grid.wraps) break;
-        x = (x + w_) % w_;
-      }
-      const std::size_t i = patch_.confidence.index(x, y);
-      if (!(patch_.confidence.pixels[i] > 0)) break;
-      const float difference = std::abs(patch_.view.range.pixels[i] - patch_.view.range.pixels[best]);
-      const auto sigma = float(patch_.noise.sigma(double(patch_.view.range.pixels[i])));
-      if (k > 1 && difference > 3 * step + 4 * sigma) break;  // a step, not a slope
-      step = std::max(step, difference);
-      best = i;
+  static constexpr int kBaseline_px = 4;
+
+  bool has(int u, int v, int slot) const {
+    if (v < 0 || v + 1 >= h_) return false;
+    if (u < 0 || u >= w_) {
+      if (!patch_.grid.wraps) return false;
+      u = (u + w_) % w_;
     }
-    return patch_.point_in_view(best);
+    return patch_.grid.exists(patch_.confidence.index(u, v), slot);
   }
+  bool is_anti(int u, int v) const {
+    if (v < 0 || v + 1 >= h_ || u < 0 || u >= w_) return false;
+    return (patch_.grid.cells[patch_.confidence.index(u, v)] & PatchGrid::kAntiDiagonal) != 0;
+  }
+  // Whether a triangle has the edge from (u, v) to the right, or down.
+  bool is_joined_right(int u, int v) const {
+    return has(u, v, is_anti(u, v) ? 0 : 1) || has(u, v - 1, is_anti(u, v - 1) ? 1 : 0);
+  }
+  bool is_joined_down(int u, int v) const { return has(u, v, 0) || has(u - 1, v, 1); }
+
+  Eigen::Vector3f farthest(int u, int v, int du, int dv) const {
+    for (int k = 0; k < kBaseline_px; ++k) {
+      const int x = u + std::min(du, 0), y = v + std::min(dv, 0);
+      if (du != 0 ? !is_joined_right(x, y) : !is_joined_down(x, y)) break;
+      u += du, v += dv;
+      if (u < 0 || u >= w_) u = (u + w_) % w_;
+    }
+    return patch_.point_in_view(patch_.confidence.index(u, v));
+  }
+
   const Patch& patch_;
   int w_, h_;
 };
