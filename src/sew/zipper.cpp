@@ -20,6 +20,8 @@ constexpr float kGridPerPixel = 1024;   // resolution of the planar triangulatio
 constexpr float kNearWall_px = 0.6f;    // samples nearer to the model's border than this would make slivers
 constexpr float kLongest_px = 6;        // edges of seams, unless the border itself has longer ones
 constexpr float kWallStep_px = 0.25f;   // sampling of borders and of triangle interiors
+// A sample this many tolerances from the model is still no new surface, but one that views disagree about.
+constexpr float kShadowFactor = 2;
 constexpr std::size_t kChunk = 2048;    // triangles that are culled together
 constexpr double kFarFromOrigin_m = 100.0;  // floats hold a millimetre's hundredth up to here
 
@@ -124,9 +126,9 @@ class Zipper::Impl::Step {
         local_of_sample_(w_, h_, kInvalidIndex) {}
 
   void run() {
-    mark_covered();
     find_walls();
     mark_walls();
+    mark_covered();
     emit_grid();
     triangulate_gaps();
     update_border();
@@ -134,7 +136,7 @@ class Zipper::Impl::Step {
 
  private:
   // bits of sample_
-  static constexpr std::uint8_t kCovered = 1, kNear = 2, kEmitted = 4;
+  static constexpr std::uint8_t kCovered = 1, kNear = 2, kEmitted = 4, kShadowed = 8;
   // bits of cell_
   static constexpr std::uint8_t kWall = 1, kBlocked = 2;
 
@@ -160,6 +162,7 @@ class Zipper::Impl::Step {
     std::vector<std::size_t> seen;
     for (std::size_t i = 0; i < m_.chunks.size(); ++i)
       if (cone.can_see(canvas_.T_view_model() * m_.chunks[i].center, m_.chunks[i].radius_m)) seen.push_back(i);
+    std::vector<std::vector<Beneath>> beneath(seen.size());
     parallel_for(context_, seen.size(), 4, [&](std::size_t i) {
       const Chunk& chunk = m_.chunks[seen[i]];
       std::uint32_t cached[4] = {kInvalidIndex, kInvalidIndex, kInvalidIndex, kInvalidIndex};
@@ -174,16 +177,27 @@ class Zipper::Impl::Step {
           }
           p[k] = points[v & 3];
         }
-        cover(t, p);
+        cover(t, p, beneath[i]);
       }
     });
+    for (const auto& list : beneath) beneath_.insert(beneath_.end(), list.begin(), list.end());
+    std::sort(beneath_.begin(), beneath_.end());
   }
 
-  void cover(std::size_t t, const std::array<CanvasPoint, 3>& p) {
+  // A model triangle in a cell that the model's border passes through.
+  struct Beneath {
+    std::uint32_t cell, triangle;
+    auto operator<=>(const Beneath&) const = default;
+  };
+
+  void cover(std::size_t t, const std::array<CanvasPoint, 3>& p, std::vector<Beneath>& beneath) {
     if (!(p[0].r > 0) || !(p[1].r > 0) || !(p[2].r > 0)) return;
     const auto [u_low, u_high] = std::minmax({p[0].u, p[1].u, p[2].u});
     const auto [v_low, v_high] = std::minmax({p[0].v, p[1].v, p[2].v});
     if (patch_.grid.wraps && u_high - u_low > 0.5f * float(w_)) return;  // across the cut
+    for (int v = std::max(0, int(std::floor(v_low))); v <= std::min(h_ - 1, int(std::floor(v_high))); ++v)
+      for (int u = std::max(0, int(std::floor(u_low))); u <= std::min(w_ - 1, int(std::floor(u_high))); ++u)
+        if (cell_.at(u, v)) beneath.push_back({std::uint32_t(cell_.index(u, v)), std::uint32_t(t)});
     const int u0 = std::max(0, int(std::ceil(u_low))), u1 = std::min(w_ - 1, int(std::floor(u_high)));
     const int v0 = std::max(0, int(std::ceil(v_low))), v1 = std::min(h_ - 1, int(std::floor(v_high)));
     if (u0 > u1 || v0 > v1) return;
@@ -222,8 +236,9 @@ class Zipper::Impl::Step {
         r = std::clamp(r, low_r, high_r);
         const float slack = canvas_.tolerance(pixel, error);
         const float difference = std::abs(patch_.view.range.pixels[pixel] - r);
-        if (difference <= slack)
-          std::atomic_ref<std::uint8_t>(sample_.at(u, v)).fetch_or(kCovered, std::memory_order_relaxed);
+        if (difference <= kShadowFactor * slack)
+          std::atomic_ref<std::uint8_t>(sample_.at(u, v))
+              .fetch_or(difference <= slack ? kCovered | kShadowed : kShadowed, std::memory_order_relaxed);
       }
   }
 
@@ -309,7 +324,7 @@ class Zipper::Impl::Step {
   // ---- samples that the view adds
   bool is_usable(int u, int v) const {
     const std::size_t pixel = canvas_.pixel(u, v);
-    return wanted_.pixels[pixel] != 0 && patch_.confidence.pixels[pixel] > 0 && !(sample_.at(u, v) & (kCovered | kNear));
+    return wanted_.pixels[pixel] != 0 && patch_.confidence.pixels[pixel] > 0 && !(sample_.at(u, v) & (kShadowed | kNear));
   }
   bool is_cell_in(int u, int v) const { return u >= 0 && v >= 0 && u < w_ - 1 && v < h_ - 1; }
   std::uint8_t grid_cell(int u, int v) const { return patch_.grid.cells[canvas_.pixel(u, v)]; }
@@ -527,7 +542,7 @@ class Zipper::Impl::Step {
         if (u < 0 || v < 0 || u >= w_ || v >= h_) return false;
         if (!canvas_.has_sample(u, v)) return false;
         if (sample_.at(u, v) & kCovered) return false;
-        if (!(sample_.at(u, v) & kNear)) return false;
+        if (!(sample_.at(u, v) & (kNear | kShadowed))) return false;
       }
     // Cells beneath: everywhere the view measured one surface.
     const float ax = float(a.x) / kGridPerPixel, ay = sign * float(a.y) / kGridPerPixel;
@@ -547,6 +562,7 @@ class Zipper::Impl::Step {
         const float range = s * p0.range + t * p1.range + r * p2.range;
         if (!is_surface(u, v, range, error)) return false;
       }
+    if (overlaps_model(face)) return false;
     // An edge that the model has already cannot get a third triangle.
     for (std::size_t k = 0; k < 3; ++k) {
       if (face.constrained >> k & 1) continue;
@@ -555,6 +571,65 @@ class Zipper::Impl::Step {
         return false;
     }
     return true;
+  }
+
+  // Whether, in this image, the face lies over or under a model triangle that is the same surface.
+  bool overlaps_model(const PlanarTriangulation::Face& face) const {
+    constexpr float kShrink = 0.9f;  // neighbours that share an edge or a corner do not overlap
+    std::array<Eigen::Vector2f, 3> q;
+    std::array<const Local*, 3> local;
+    Eigen::Vector2f middle(0, 0);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const GridPoint& p = points_[face.corner[k]];
+      q[k] = Eigen::Vector2f(float(p.x), float(p.y)) / kGridPerPixel;
+      local[k] = &locals_[face.corner[k]];
+      middle += q[k] / 3;
+    }
+    float low_u = 1e9f, low_v = 1e9f, high_u = -1e9f, high_v = -1e9f;
+    for (Eigen::Vector2f& c : q) {
+      c = middle + kShrink * (c - middle);
+      const float v = patch_.grid.is_mirrored ? c.y() : -c.y();
+      low_u = std::min(low_u, c.x()), high_u = std::max(high_u, c.x());
+      low_v = std::min(low_v, v), high_v = std::max(high_v, v);
+    }
+    const float low_r = std::min({local[0]->range, local[1]->range, local[2]->range});
+    const float high_r = std::max({local[0]->range, local[1]->range, local[2]->range});
+    for (int v = std::max(0, int(std::floor(low_v))); v <= std::min(h_ - 1, int(std::floor(high_v))); ++v)
+      for (int u = std::max(0, int(std::floor(low_u))); u <= std::min(w_ - 1, int(std::floor(high_u))); ++u) {
+        const auto cell = std::uint32_t(cell_.index(u, v));
+        for (auto it = std::lower_bound(beneath_.begin(), beneath_.end(), Beneath{cell, 0});
+             it != beneath_.end() && it->cell == cell; ++it) {
+          const Triangle& t = m_.mesh.triangles[it->triangle];
+          std::array<Eigen::Vector2f, 3> c;
+          float low = 1e9f, high = 0, error = 0;
+          int facing = 0;
+          for (std::size_t k = 0; k < 3; ++k) {
+            const CanvasPoint p = canvas_.project(m_.mesh.positions_m[t[k]]);
+            c[k] = Eigen::Vector2f(p.u, patch_.grid.is_mirrored ? p.v : -p.v);
+            low = std::min(low, p.r), high = std::max(high, p.r);
+            error = std::max(error, m_.error_m[t[k]]);
+            facing += is_front(m_.mesh.positions_m[t[k]], m_.normal[t[k]]);
+          }
+          if (facing < 2) continue;
+          const float slack = canvas_.tolerance(canvas_.pixel(u, v), error);
+          if (low > high_r + slack || high < low_r - slack) continue;
+          if (!is_separated(q, c) && !is_separated(c, q)) return true;
+        }
+      }
+    return false;
+  }
+
+  // Whether an edge of a has all of b on its outer side.
+  static bool is_separated(const std::array<Eigen::Vector2f, 3>& a, const std::array<Eigen::Vector2f, 3>& b) {
+    const auto cross = [](const Eigen::Vector2f& p, const Eigen::Vector2f& r, const Eigen::Vector2f& x) {
+      return (r.x() - p.x()) * (x.y() - p.y()) - (r.y() - p.y()) * (x.x() - p.x());
+    };
+    const float side = cross(a[0], a[1], a[2]) >= 0 ? 1.0f : -1.0f;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const Eigen::Vector2f &p = a[i], &r = a[(i + 1) % 3];
+      if (side * cross(p, r, b[0]) <= 0 && side * cross(p, r, b[1]) <= 0 && side * cross(p, r, b[2]) <= 0) return true;
+    }
+    return false;
   }
 
   // Long edges come from a coarse border, not from across the view.
@@ -675,6 +750,7 @@ class Zipper::Impl::Step {
   Image<std::uint8_t> sample_, cell_, emitted_;
   Image<std::uint32_t> local_of_sample_, vertex_of_sample_;
   std::vector<Wall> walls_, blocked_;
+  std::vector<Beneath> beneath_;  // sorted
   std::vector<Fence> fences_;
   std::vector<Local> locals_;
   std::vector<GridPoint> points_;
