@@ -6,12 +6,14 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <unordered_map>
 #include <unordered_set>
 
 #include "core/parallel.h"
 #include "overlap/view_projection.h"
 #include "sew/planar_triangulation.h"
 #include "sew/view_canvas.h"
+#include "triangulate/adaptive_triangles.h"
 
 namespace lapseam {
 namespace {
@@ -20,6 +22,8 @@ constexpr float kGridPerPixel = 1024;   // resolution of the planar triangulatio
 constexpr float kNearWall_px = 0.6f;    // samples nearer to the model's border than this would make slivers
 constexpr float kLongest_px = 6;        // edges of seams, unless the border itself has longer ones
 constexpr float kWallStep_px = 0.25f;   // sampling of borders and of triangle interiors
+// A sample may be left out when it is this close to the surface without it, in standard deviations of its range.
+constexpr float kFlatness = 0.3f;
 // A sample this many tolerances from the model is still no new surface, but one that views disagree about.
 constexpr float kShadowFactor = 2;
 constexpr std::size_t kChunk = 2048;    // triangles that are culled together
@@ -363,6 +367,7 @@ class Zipper::Impl::Step {
     vertex_of_sample_ = Image<std::uint32_t>(w_, h_, kInvalidIndex);
     emitted_ = Image<std::uint8_t>(w_, h_, 0);
     first_new_triangle_ = m_.mesh.triangles.size();
+    Image<std::uint8_t> is_full(w_, h_, 0);
     for (int v = 0; v + 1 < h_; ++v)
       for (int u = 0; u + 1 < w_; ++u) {
         if (cell_.at(u, v)) continue;
@@ -372,15 +377,43 @@ class Zipper::Impl::Step {
           if (!std::all_of(corners.begin(), corners.end(), [&](const auto& c) { return is_usable(c.x(), c.y()); }))
             continue;
           emitted_.at(u, v) |= std::uint8_t(1 << slot);
-          Triangle t;
-          for (std::size_t k = 0; k < 3; ++k) {
-            t[k] = vertex_of(corners[k].x(), corners[k].y());
-            sample_.at(corners[k].x(), corners[k].y()) |= kEmitted;
-          }
-          add_triangle(t, TriangleTag::kMeasured);
+          for (const auto& c : corners) sample_.at(c.x(), c.y()) |= kEmitted;
         }
+        is_full.at(u, v) = emitted_.at(u, v) == 3;
       }
+    const auto deviation = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t m) {
+      return deviation_from_plane(a, b, c, m);
+    };
+    for (const SampleTriangle& t : adaptive_triangles(is_full, deviation)) {
+      Triangle corners;
+      for (std::size_t k = 0; k < 3; ++k) corners[k] = vertex_of(int(t[k] % std::uint32_t(w_)), int(t[k] / std::uint32_t(w_)));
+      if (patch_.grid.is_mirrored) std::swap(corners[1], corners[2]);
+      add_triangle(corners, TriangleTag::kMeasured);
+    }
+    for (int v = 0; v + 1 < h_; ++v)
+      for (int u = 0; u + 1 < w_; ++u)
+        for (int slot = 0; slot < 2; ++slot) {
+          if (is_full.at(u, v) || !is_emitted(u, v, slot)) continue;
+          const auto corners = corners_of(u, v, slot);
+          add_triangle({vertex_of(corners[0].x(), corners[0].y()), vertex_of(corners[1].x(), corners[1].y()),
+                        vertex_of(corners[2].x(), corners[2].y())},
+                       TriangleTag::kMeasured);
+        }
     m_.report.measured_triangles += m_.mesh.triangles.size() - first_new_triangle_;
+  }
+
+  // Of sample m from the plane through three others, along its ray, in units of what noise explains.
+  float deviation_from_plane(std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t m) const {
+    const auto pixel = [&](std::uint32_t i) { return canvas_.pixel(int(i % std::uint32_t(w_)), int(i / std::uint32_t(w_))); };
+    const std::size_t pm = pixel(m);
+    const Eigen::Vector3f pa = patch_.point_in_view(pixel(a));
+    const Eigen::Vector3f normal = (patch_.point_in_view(pixel(b)) - pa).cross(patch_.point_in_view(pixel(c)) - pa);
+    const Eigen::Vector3f origin =
+        patch_.rays->origins.empty() ? Eigen::Vector3f(Eigen::Vector3f::Zero()) : patch_.rays->origins[pm];
+    const float along = normal.dot(patch_.rays->directions[pm]), r = patch_.view.range.pixels[pm];
+    if (along == 0) return 2;
+    const float off = std::abs(normal.dot(pa - origin) / along - r);
+    return off / (kFlatness * float(patch_.noise.sigma(double(r))));
   }
 
   void add_triangle(const Triangle& t, TriangleTag tag) {
@@ -442,7 +475,6 @@ class Zipper::Impl::Step {
       const OpenEdge& edge = m_.open[wall.open];
       fences_.push_back({local_of_wall(edge.b, wall.b), local_of_wall(edge.a, wall.a)});
     }
-    std::size_t t = first_new_triangle_;
     for (int v = 0; v + 1 < h_; ++v)
       for (int u = 0; u + 1 < w_; ++u)
         for (int slot = 0; slot < 2; ++slot) {
@@ -453,16 +485,28 @@ class Zipper::Impl::Step {
             if (is_neighbor_emitted(u, v, slot, p, q)) continue;
             const std::uint32_t a = local_of(p.x(), p.y()), b = local_of(q.x(), q.y());
             fences_.push_back({b, a});
-            new_border_.push_back({locals_[a].vertex, locals_[b].vertex, std::uint32_t(t)});
+            new_border_.push_back({locals_[a].vertex, locals_[b].vertex, kInvalidIndex});
           }
-          ++t;
         }
+    find_border_triangles();
     for (int v = 0; v < h_; ++v)
       for (int u = 0; u < w_; ++u)
         if (!(sample_.at(u, v) & kEmitted) && is_usable(u, v) && touches_gap(u, v)) local_of(u, v);
     if (!fences_.empty()) fill_gaps();
     for (const Local& local : locals_)
       if (local.sample == kInvalidIndex && local.vertex != kInvalidIndex) m_.local_of_vertex[local.vertex] = kInvalidIndex;
+  }
+
+  void find_border_triangles() {
+    const auto key = [](std::uint32_t a, std::uint32_t b) { return std::uint64_t(a) << 32 | b; };
+    std::unordered_map<std::uint64_t, std::size_t> at;
+    at.reserve(new_border_.size());
+    for (std::size_t i = 0; i < new_border_.size(); ++i) at.emplace(key(new_border_[i].a, new_border_[i].b), i);
+    for (std::size_t t = first_new_triangle_; t < m_.mesh.triangles.size(); ++t)
+      for (std::size_t k = 0; k < 3; ++k) {
+        const auto found = at.find(key(m_.mesh.triangles[t][k], m_.mesh.triangles[t][(k + 1) % 3]));
+        if (found != at.end()) new_border_[found->second].triangle = std::uint32_t(t);
+      }
   }
 
   // A sample that could not be part of a grid triangle, because of the model's border or of samples not wanted.
