@@ -49,11 +49,17 @@ Eigen::Vector3f ViewCanvas::ray_to(const Eigen::Vector3f& position_m) const {
   return is_central() ? Eigen::Vector3f(position_m - sensor_position_m_) : axis_;
 }
 
+Eigen::Vector3f ViewCanvas::direction(float u, float v) const {
+  const int u0 = std::clamp(int(std::floor(u)), 0, width_ - 2), v0 = std::clamp(int(std::floor(v)), 0, height_ - 2);
+  const float s = u - float(u0), t = v - float(v0);
+  const auto at = [&](int x, int y) -> const Eigen::Vector3f& { return patch_.rays->directions[pixel(x, y)]; };
+  return (1 - t) * ((1 - s) * at(u0, v0) + s * at(u0 + 1, v0)) + t * ((1 - s) * at(u0, v0 + 1) + s * at(u0 + 1, v0 + 1));
+}
+
 float ViewCanvas::tolerance(std::size_t pixel, float error_m) const {
   const float cosine = float(patch_.incidence.pixels[pixel]) / 255;
   const float own = float(patch_.noise.sigma(double(patch_.view.range.pixels[pixel]))) * cosine;
-  static const float kTolF = getenv("TOLF") ? float(atof(getenv("TOLF"))) : 1.0f;
-  const float along_normal = kTolF * float(options_.noise_factor) * std::sqrt(own * own + error_m * error_m) +
+  const float along_normal = float(options_.noise_factor) * std::sqrt(own * own + error_m * error_m) +
                              kRegistrationFactor * float(options_.registration_error_m);
   return along_normal / std::max(cosine, kLowestCosine);
 }

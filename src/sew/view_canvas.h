@@ -43,6 +43,9 @@ class ViewCanvas {
   /// Direction from the sensor to a point, any length.
   Eigen::Vector3f ray_to(const Eigen::Vector3f& position_m) const;
   bool is_central() const { return patch_.rays->origins.empty(); }
+  bool is_pinhole() const { return pinhole_ != nullptr; }
+  /// Of the ray through a point between samples, in the view's frame; for central sensors.
+  Eigen::Vector3f direction(float u, float v) const;
   const Eigen::Isometry3f& T_view_model() const { return T_view_model_; }
   const Eigen::Isometry3f& T_model_view() const { return T_model_view_; }
 

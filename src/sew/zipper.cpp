@@ -127,7 +127,10 @@ class Zipper::Impl::Step {
         h_(canvas_.height()),
         sample_(w_, h_, 0),
         cell_(w_, h_, 0),
-        local_of_sample_(w_, h_, kInvalidIndex) {}
+        local_of_sample_(w_, h_, kInvalidIndex) {
+    const std::size_t middle = patch_.rays->directions.size() / 2;
+    pixel_angle_ = (patch_.rays->directions[middle].normalized() - patch_.rays->directions[middle + 1].normalized()).norm();
+  }
 
   void run() {
     find_walls();
@@ -181,11 +184,38 @@ class Zipper::Impl::Step {
           }
           p[k] = points[v & 3];
         }
+        if (!patch_.grid.wraps || is_apart(p)) {
+          cover(t, p, beneath[i]);
+          continue;
+        }
+        // Across the cut of a panorama: once at either side.
+        for (CanvasPoint& q : p) q.u += q.u < 0.5f * float(w_) ? float(w_) : 0.0f;
+        cover(t, p, beneath[i]);
+        for (CanvasPoint& q : p) q.u -= float(w_);
         cover(t, p, beneath[i]);
       }
     });
     for (const auto& list : beneath) beneath_.insert(beneath_.end(), list.begin(), list.end());
     std::sort(beneath_.begin(), beneath_.end());
+  }
+
+  // Not across the cut of a panorama.
+  bool is_apart(const std::array<CanvasPoint, 3>& p) const {
+    const auto [low, high] = std::minmax({p[0].u, p[1].u, p[2].u});
+    return high - low <= 0.5f * float(w_);
+  }
+
+  // Straight edges are curved in the images of sensors that are no plain pinhole: by up to this much, in pixels.
+  float bulge_of(float extent_px) const {
+    if (canvas_.is_pinhole() || !canvas_.is_central() || extent_px < 4) return 0;
+    return 0.25f * extent_px * extent_px * pixel_angle_;
+  }
+
+  // Whether a ray from the sensor meets a triangle given in the sensor's frame.
+  static bool passes_through(const std::array<Eigen::Vector3f, 3>& corner, const Eigen::Vector3f& ray) {
+    const float s0 = ray.dot(corner[0].cross(corner[1])), s1 = ray.dot(corner[1].cross(corner[2])),
+                s2 = ray.dot(corner[2].cross(corner[0]));
+    return (s0 >= 0 && s1 >= 0 && s2 >= 0) || (s0 <= 0 && s1 <= 0 && s2 <= 0);
   }
 
   // A model triangle in a cell that the model's border passes through.
@@ -198,12 +228,12 @@ class Zipper::Impl::Step {
     if (!(p[0].r > 0) || !(p[1].r > 0) || !(p[2].r > 0)) return;
     const auto [u_low, u_high] = std::minmax({p[0].u, p[1].u, p[2].u});
     const auto [v_low, v_high] = std::minmax({p[0].v, p[1].v, p[2].v});
-    if (patch_.grid.wraps && u_high - u_low > 0.5f * float(w_)) return;  // across the cut
-    for (int v = std::max(0, int(std::floor(v_low))); v <= std::min(h_ - 1, int(std::floor(v_high))); ++v)
-      for (int u = std::max(0, int(std::floor(u_low))); u <= std::min(w_ - 1, int(std::floor(u_high))); ++u)
+    const float bulge = bulge_of(std::max(u_high - u_low, v_high - v_low));
+    for (int v = std::max(0, int(std::floor(v_low - bulge))); v <= std::min(h_ - 1, int(std::floor(v_high + bulge))); ++v)
+      for (int u = std::max(0, int(std::floor(u_low - bulge))); u <= std::min(w_ - 1, int(std::floor(u_high + bulge))); ++u)
         if (cell_.at(u, v)) beneath.push_back({std::uint32_t(cell_.index(u, v)), std::uint32_t(t)});
-    const int u0 = std::max(0, int(std::ceil(u_low))), u1 = std::min(w_ - 1, int(std::floor(u_high)));
-    const int v0 = std::max(0, int(std::ceil(v_low))), v1 = std::min(h_ - 1, int(std::floor(v_high)));
+    const int u0 = std::max(0, int(std::ceil(u_low - bulge))), u1 = std::min(w_ - 1, int(std::floor(u_high + bulge)));
+    const int v0 = std::max(0, int(std::ceil(v_low - bulge))), v1 = std::min(h_ - 1, int(std::floor(v_high + bulge)));
     if (u0 > u1 || v0 > v1) return;
     const Triangle& corners = m_.mesh.triangles[t];
     int facing = 0;
@@ -224,15 +254,21 @@ class Zipper::Impl::Step {
     const Eigen::Vector3f n = ab.cross(ac);
     const float low_r = std::min({p[0].r, p[1].r, p[2].r}), high_r = std::max({p[0].r, p[1].r, p[2].r});
     const float sign = area > 0 ? 1.0f : -1.0f;
+    const bool is_curved = bulge > 0 && canvas_.is_central();
+    const std::array<Eigen::Vector3f, 3> corner = {a, a + ab, a + ac};
     for (int v = v0; v <= v1; ++v)
       for (int u = u0; u <= u1; ++u) {
-        CanvasPoint q;
-        q.u = float(u), q.v = float(v);
-        if (sign * turn(p[0], p[1], q) < 0 || sign * turn(p[1], p[2], q) < 0 || sign * turn(p[2], p[0], q) < 0)
-          continue;
         const std::size_t pixel = canvas_.pixel(u, v);
         if (!(patch_.confidence.pixels[pixel] > 0)) continue;
         const Eigen::Vector3f& d = patch_.rays->directions[pixel];
+        if (is_curved) {
+          if (!passes_through(corner, d)) continue;
+        } else {
+          CanvasPoint q;
+          q.u = float(u), q.v = float(v);
+          if (sign * turn(p[0], p[1], q) < 0 || sign * turn(p[1], p[2], q) < 0 || sign * turn(p[2], p[0], q) < 0)
+            continue;
+        }
         const Eigen::Vector3f o =
             patch_.rays->origins.empty() ? Eigen::Vector3f(Eigen::Vector3f::Zero()) : patch_.rays->origins[pixel];
         const float along = n.dot(d);
@@ -657,9 +693,24 @@ class Zipper::Impl::Step {
           if (facing < 2) continue;
           const float slack = canvas_.tolerance(canvas_.pixel(u, v), error);
           if (low > high_r + slack || high < low_r - slack) continue;
-          if (!is_separated(q, c) && !is_separated(c, q)) return true;
+          const auto [c_low, c_high] = std::minmax({c[0].x(), c[1].x(), c[2].x()});
+          const auto [d_low, d_high] = std::minmax({c[0].y(), c[1].y(), c[2].y()});
+          if (bulge_of(std::max(c_high - c_low, d_high - d_low)) > 0.05f) {
+            if (meets_curved(t, q, middle)) return true;
+          } else if (!is_separated(q, c) && !is_separated(c, q)) {
+            return true;
+          }
         }
       }
+    return false;
+  }
+
+  // Whether the ray through a corner or the middle of a face (in grid coordinates) meets a model triangle.
+  bool meets_curved(const Triangle& t, const std::array<Eigen::Vector2f, 3>& face, const Eigen::Vector2f& middle) const {
+    std::array<Eigen::Vector3f, 3> corner;
+    for (std::size_t k = 0; k < 3; ++k) corner[k] = canvas_.T_view_model() * m_.mesh.positions_m[t[k]];
+    for (const Eigen::Vector2f& p : {face[0], face[1], face[2], middle})
+      if (passes_through(corner, canvas_.direction(p.x(), patch_.grid.is_mirrored ? p.y() : -p.y()))) return true;
     return false;
   }
 
@@ -791,6 +842,7 @@ class Zipper::Impl::Step {
   Context& context_;
   ViewCanvas canvas_;
   int w_, h_;
+  float pixel_angle_ = 0;
   Image<std::uint8_t> sample_, cell_, emitted_;
   Image<std::uint32_t> local_of_sample_, vertex_of_sample_;
   std::vector<Wall> walls_, blocked_;
