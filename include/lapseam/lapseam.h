@@ -15,6 +15,7 @@
 #include "lapseam/overlap.h"
 #include "lapseam/patch.h"
 #include "lapseam/render.h"
+#include "lapseam/seam_health.h"
 #include "lapseam/sensor.h"
 #include "lapseam/sew.h"
 #include "lapseam/simulate.h"

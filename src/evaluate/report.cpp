@@ -162,6 +162,8 @@ void add_health(Table& table, const MeshHealth& h) {
   table.count("components", h.components);
   table.count("  of 100 triangles or more", h.components_100_triangles);
   table.share("  largest, of triangles", h.largest_component_share);
+  table.count("  that hold 99 % of the area", h.components_99_percent_area);
+  table.count("  smallest, triangles", h.smallest_component_triangles);
   table.count("boundary edges", h.boundary_edges);
   table.line("boundary length", fmt::format("{:.3f} m", h.boundary_length_m));
   table.count("boundary loops", h.boundary_loops);
@@ -179,6 +181,20 @@ void add_health(Table& table, const MeshHealth& h) {
   table.mm("side of a triangle, median", h.edge_length_median_m);
 }
 
+void add_seams(Table& table, const SeamHealth& s) {
+  table.head("seams (where measured patches meet)");
+  table.count("patches", s.patches);
+  table.count("  islands of under 40 triangles", s.islands);
+  table.line("seam length", fmt::format("{:.3f} m", s.seam_length_m));
+  table.line("seam length per area", fmt::format("{:.3f} /m", s.seam_length_per_area_per_m));
+  table.count("seam triangles", s.seam_triangles);
+  table.share("  their area", s.seam_area_share);
+  const auto& angle = s.seam_min_angle_percentiles_deg;
+  table.line("  smallest angle 1/5/25 %", fmt::format("{:.1f}/{:.1f}/{:.1f} °", angle[0], angle[1], angle[2]));
+  table.line("  self-intersecting",
+             s.self_intersections_checked ? fmt::format("{}", s.self_intersecting_seam_triangles) : "not checked");
+}
+
 }  // namespace
 
 std::string to_text(const Evaluation& evaluation) {
@@ -187,6 +203,7 @@ std::string to_text(const Evaluation& evaluation) {
   add_completeness(table, evaluation);
   add_rays(table, evaluation);
   add_health(table, evaluation.health);
+  if (evaluation.health.seams) add_seams(table, *evaluation.health.seams);
   return table.take();
 }
 
