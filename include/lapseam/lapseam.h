@@ -2,6 +2,7 @@
 
 // Everything, for those who do not mind compile time.
 
+#include "lapseam/boundary.h"
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "lapseam/evaluate.h"
