@@ -6,6 +6,7 @@
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "lapseam/evaluate.h"
+#include "lapseam/evaluate_views.h"
 #include "lapseam/extract.h"
 #include "lapseam/health.h"
 #include "lapseam/image.h"
