@@ -20,7 +20,7 @@ class Context;
 struct MeasuredViews {
   std::size_t count = 0;
   std::function<View(std::size_t)> load;
-  std::function<NoiseModel(std::size_t)> noise;
+  std::function<NoiseModel(std::size_t)> noise;  ///< asked after the view was loaded
 };
 
 struct BoundaryOptions {

@@ -49,11 +49,12 @@ struct ViewEvaluation {
   BoundaryFigures boundary;
 };
 
-/// Vertices of the result at equal positions count as one. The same figures for any number of threads. Loads every view
-/// twice. Memory: the mesh and its BVH, one view. Throws InvalidInput when options are out of range, and what `load`
-/// throws.
-ViewEvaluation evaluate_views(const Mesh& result, const MeasuredViews& views, const ViewEvaluationOptions& options,
-                              Context& context);
+/// Vertices of the result at equal positions count as one. boundary_views: those that the boundary is classified with,
+/// best the same ones smoothed, whose noise hides fewer steps. The same figures for any number of threads. Loads every
+/// view of either once. Memory: the mesh and its BVH, one view. Throws InvalidInput when options are out of range, and
+/// what `load` throws.
+ViewEvaluation evaluate_views(const Mesh& result, const MeasuredViews& views, const MeasuredViews& boundary_views,
+                              const ViewEvaluationOptions& options, Context& context);
 
 /// A table for people, and one JSON object with keys as in docs/evaluation.md.
 std::string to_text(const ViewEvaluation& evaluation);

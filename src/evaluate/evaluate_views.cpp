@@ -123,8 +123,8 @@ nlohmann::ordered_json ranges_json(const RangeFigures& f) {
 
 }  // namespace
 
-ViewEvaluation evaluate_views(const Mesh& result, const MeasuredViews& views, const ViewEvaluationOptions& options,
-                              Context& context) {
+ViewEvaluation evaluate_views(const Mesh& result, const MeasuredViews& views, const MeasuredViews& boundary_views,
+                              const ViewEvaluationOptions& options, Context& context) {
   check_options(options);
   check_mesh(result);
   ViewEvaluation evaluation;
@@ -148,7 +148,7 @@ ViewEvaluation evaluate_views(const Mesh& result, const MeasuredViews& views, co
     welded.positions_m = std::move(surface.positions_m);
     welded.triangles = std::move(surface.triangles);
   }
-  evaluation.boundary = classify_boundary(welded, views, options.boundary, context).figures;
+  evaluation.boundary = classify_boundary(welded, boundary_views, options.boundary, context).figures;
   return evaluation;
 }
 

@@ -13,6 +13,9 @@ constexpr std::size_t kGrain = 512;
 constexpr float kOffPlane = 1.0f / 3;
 // Two sides of a thin sheet are not one surface.
 constexpr float kSameSide = -0.5f;
+// Over an edge of the truth the surface goes on with a face that looks outwards, at over 17° from the tangent plane's
+// normal, and is met this many spacings below the edge.
+constexpr float kLooksOutwards = 0.3f, kBelowEdge = 0.5f;
 
 }  // namespace
 
@@ -39,7 +42,7 @@ TruthBoundary::Beyond TruthBoundary::look_beyond(const OutlineFrame& frame, cons
   // An edge that stands on the truth, as where the result has a flap.
   if (outward.norm() < 0.2f) return beyond;
   outward.normalize();
-  beyond.is_near_truth = beyond.goes_on = true;
+  beyond.is_near_truth = true;
   const float spacing = std::min(frame.side_m, float(gross_m_));
   for (int k = 0; k < 2; ++k) {
     const Eigen::Vector3f probe = start.point + float(k + 1) * spacing * outward;
@@ -48,9 +51,19 @@ TruthBoundary::Beyond TruthBoundary::look_beyond(const OutlineFrame& frame, cons
     const bool is_on = there.distance <= kOffPlane * spacing;
     const bool is_cut_off = (probe - there.point).dot(normal_there) < -0.5f * there.distance &&
                             there.distance <= 2 * float(k + 1) * spacing;
-    if (!(is_on || is_cut_off) || normal_there.dot(normal) < kSameSide) beyond.goes_on = false;
+    if (!(is_on || is_cut_off) || normal_there.dot(normal) < kSameSide) {
+      // The nearest point is on the truth's own edge.
+      const ClosestPoint fold = truth_scene.closest(there.point - kBelowEdge * spacing * normal);
+      const Eigen::Vector3f& normal_fold = truth.normals[fold.triangle];
+      beyond.is_fold = true;
+      beyond.goes_on = fold.distance <= kOffPlane * spacing && normal_fold.dot(outward) > kLooksOutwards;
+      beyond.probes[0] = {start.point, normal};
+      beyond.probes[1] = {fold.point, normal_fold};
+      return beyond;
+    }
     beyond.probes[k] = {there.point, normal_there};
   }
+  beyond.goes_on = true;
   return beyond;
 }
 
@@ -74,7 +87,9 @@ std::vector<BoundaryPiece> TruthBoundary::pieces() const {
     const OutlineEdge& edge = outline_.edges[i];
     BoundaryKind kind = BoundaryKind::kUnseen;
     if (beyond_[i].goes_on && beyond_[i].is_seen) kind = BoundaryKind::kCrack;
-    if (beyond_[i].is_near_truth && !beyond_[i].goes_on) kind = BoundaryKind::kSeenEnd;
+    // A fold that no view saw round is where the surface ended for all of them.
+    const bool is_end = !beyond_[i].goes_on || (beyond_[i].is_fold && !beyond_[i].is_seen);
+    if (beyond_[i].is_near_truth && is_end) kind = BoundaryKind::kSeenEnd;
     pieces.push_back({edge.a, edge.b, edge.triangle, edge.loop, kind});
   }
   return pieces;

@@ -13,7 +13,9 @@ namespace lapseam {
 
 /// From the middle of each boundary edge, moved to the nearest point of the truth, two probes go outwards in the
 /// truth's tangent plane: one and two sample spacings (the middle side of the edge's triangle). The truth goes on where
-/// it lies within a third of a spacing of both, or cuts them off like a floor that meets a wall.
+/// it lies within a third of a spacing of both, or cuts them off like a floor that meets a wall, or folds down before
+/// them into a face that looks outwards. A crack it is when one view saw both probes; of a fold, the place and the face
+/// beyond.
 class TruthBoundary {
  public:
   TruthBoundary(const Surface& result, const Surface& truth, const RayScene& truth_scene,
@@ -33,6 +35,7 @@ class TruthBoundary {
   struct Beyond {
     bool is_near_truth = false;  ///< else nothing can be said of the edge
     bool goes_on = false;
+    bool is_fold = false;
     bool is_seen = false;
     Probe probes[2];
   };

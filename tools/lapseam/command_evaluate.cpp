@@ -9,6 +9,7 @@
 #include "lapseam/error.h"
 #include "lapseam/evaluate.h"
 #include "lapseam/io.h"
+#include "lapseam/smooth.h"
 #include "lapseam/survey.h"
 
 namespace lapseam::tool {
@@ -67,6 +68,10 @@ Scene only_every(Scene scene, int n) {
   return some;
 }
 
+NoiseModel scaled(const NoiseModel& noise, double factor) {
+  return {noise.s0_m * factor, noise.s1 * factor, noise.s2_per_m * factor, noise.floor_m * factor};
+}
+
 // Noise and registration error are what the views themselves say, where the scene says nothing.
 ViewEvaluation evaluate_measured(const Mesh& result, const EvaluateArguments& arguments, const std::string& path,
                                  Context& context) {
@@ -76,10 +81,21 @@ ViewEvaluation evaluate_measured(const Mesh& result, const EvaluateArguments& ar
     if (!view.is_usable()) throw Error(view.problem);
   std::map<std::string, NoiseModel> noise;
   for (const SensorSurvey& sensor : found.sensors) noise[sensor.sensor_id] = sensor.given.value_or(sensor.noise);
-  const MeasuredViews views{
-      scene.views.size(), [&](std::size_t i) { return load_view(scene.views[i]); },
-      [&](std::size_t i) { return scene.views[i].noise.value_or(noise.at(found.views[i].sensor_id)); }};
-  return evaluate_views(result, views,
+  const auto noise_of = [&](std::size_t i) {
+    return scene.views[i].noise.value_or(noise.at(found.views[i].sensor_id));
+  };
+  const MeasuredViews views{scene.views.size(), [&](std::size_t i) { return load_view(scene.views[i]); }, noise_of};
+  double remaining = 1;  // of the noise, in the view that was loaded last
+  const MeasuredViews smoothed{scene.views.size(),
+                               [&](std::size_t i) {
+                                 View view = load_view(scene.views[i]);
+                                 SmoothResult result_of_view = smooth(view, noise_of(i), {}, context);
+                                 view.range = std::move(result_of_view.range);
+                                 remaining = result_of_view.remaining_sigma_factor;
+                                 return view;
+                               },
+                               [&](std::size_t i) { return scaled(noise_of(i), remaining); }};
+  return evaluate_views(result, views, smoothed,
                         {.rays_per_view = arguments.rays,
                          .boundary = {.registration_error_m = found.registration.median_m},
                          .seed = arguments.seed},
