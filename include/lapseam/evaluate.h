@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "lapseam/evaluate_views.h"
 #include "lapseam/health.h"
 #include "lapseam/mesh.h"
 #include "lapseam/view.h"
@@ -80,14 +81,20 @@ struct RayFigures {
 
 struct Evaluation {
   EvaluateOptions options;
-  bool has_views = false;
+  bool has_truth = true;                ///< false: only health and against_views say something
+  bool has_views = false;               ///< true ones
   bool is_orientation_flipped = false;  ///< most normals point the wrong way; figures are those of the flipped result
   std::optional<AccuracyFigures> accuracy;
   CompletenessFigures completeness;
   std::vector<DistanceFigures> distances;  ///< one for each of options.at_m
   RayFigures rays;                         ///< all views together; zero without views
   std::vector<RayFigures> rays_by_view;
+  /// By the truth: a boundary edge is a crack where the true surface goes on beyond it and a view saw it there, an end
+  /// where it does not go on. Zero without views.
+  BoundaryFigures boundary;
   MeshHealth health;  ///< of the welded result
+  /// What the measured views say; evaluate() leaves it to evaluate_views().
+  std::optional<ViewEvaluation> against_views{};
 };
 
 /// Vertices of the result at equal positions count as one. The same figures for any number of threads.

@@ -4,9 +4,11 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "lapseam/mesh.h"
+#include "lapseam/seam_health.h"
 
 namespace lapseam {
 
@@ -29,6 +31,8 @@ struct MeshHealth {
   std::uint64_t components = 0;                ///< triangles joined by shared vertices
   std::uint64_t components_100_triangles = 0;  ///< those of at least a hundred triangles
   double largest_component_share = 0;          ///< of the triangles, 0 … 1
+  std::uint64_t smallest_component_triangles = 0;
+  std::uint64_t components_99_percent_area = 0;  ///< so many of the largest hold 99 % of the area
 
   std::uint64_t edges = 0;
   std::uint64_t boundary_edges = 0;  ///< with one triangle
@@ -52,6 +56,8 @@ struct MeshHealth {
   std::array<double, 4> min_angle_percentiles_deg{};
   double min_angle_below_10_deg_share = 0;
   double edge_length_median_m = 0;  ///< median over the triangles of the middle one of their three sides
+
+  std::optional<SeamHealth> seams;  ///< of meshes that tell tags and views of their triangles
 
   /// No edge with more than two triangles, none misoriented, no duplicate or degenerate triangle.
   bool is_edge_manifold() const { return nonmanifold_edges == 0; }

@@ -2,9 +2,11 @@
 
 // Everything, for those who do not mind compile time.
 
+#include "lapseam/boundary.h"
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "lapseam/evaluate.h"
+#include "lapseam/evaluate_views.h"
 #include "lapseam/extract.h"
 #include "lapseam/health.h"
 #include "lapseam/image.h"
@@ -15,6 +17,7 @@
 #include "lapseam/overlap.h"
 #include "lapseam/patch.h"
 #include "lapseam/render.h"
+#include "lapseam/seam_health.h"
 #include "lapseam/sensor.h"
 #include "lapseam/sew.h"
 #include "lapseam/simulate.h"

@@ -79,7 +79,8 @@ SimulatedScene make_room(const RoomOptions& options = {});
 /// Within 1.3e-5 radii of the true sphere around the origin.
 SimulatedScene make_sphere_scene(double radius_m = 0.5);
 SimulatedScene make_box_scene(const Eigen::Vector3d& size_m = {0.8, 0.6, 0.5});
-/// A bare 4 × 4 × 2.5 m room with a partition of the given thickness and upright rods of 3 to 20 mm diameter.
+/// A bare 4 × 4 × 2.5 m room of thin things: a partition of the given thickness, upright rods of 3 to 20 mm diameter, a
+/// door leaf of 40 mm that stands ajar, an open book with boards of 3 mm.
 SimulatedScene make_partition_scene(double thickness_m = 0.015);
 /// Any mesh, with its texture or vertex colours, and lamps around it. Throws InvalidInput when it has no triangle.
 SimulatedScene make_mesh_scene(Mesh mesh, std::string name);

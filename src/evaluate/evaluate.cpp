@@ -7,10 +7,9 @@
 
 #include "core/parallel.h"
 #include "evaluate/surface_samples.h"
+#include "evaluate/truth_boundary.h"
 #include "evaluate/view_figures.h"
-#include "health/incidence.h"
 #include "health/percentile.h"
-#include "health/predicates.h"
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "spatial/ray_scene.h"
@@ -36,22 +35,6 @@ void check_options(const EvaluateOptions& options) {
   check(is_length(options.ray_close_m), "ray_close_m", "must be a positive distance");
   check(options.grazing_cosine >= 0 && options.grazing_cosine < 1, "grazing_cosine", "must be in [0, 1)");
   check(is_length(options.double_layer_m), "double_layer_m", "must be a positive distance");
-}
-
-/// The welded mesh relative to origin_m, without triangles of no area: they have no normal to tell, and their edges are
-/// those of others.
-Surface make_surface(const Mesh& mesh, const Eigen::Vector3d& origin_m, Context& context) {
-  WeldedSurface welded = weld_surface(mesh, context);
-  Surface surface{std::move(welded.positions_m), std::move(welded.triangles), {}};
-  std::erase_if(surface.triangles, [&](const Triangle& t) {
-    return has_repeated_vertex(t) ||
-           dominant_plane(surface.positions_m[t[0]], surface.positions_m[t[1]], surface.positions_m[t[2]]) < 0;
-  });
-  const Eigen::Vector3d shift = mesh.origin_m - origin_m;
-  if (!shift.isZero(0))
-    for (Eigen::Vector3f& p : surface.positions_m) p = (p.cast<double>() + shift).cast<float>();
-  compute_normals(surface, context);
-  return surface;
 }
 
 /// A surface that can be asked for rays and closest points, and points spread over it.
@@ -170,11 +153,12 @@ CompletenessFigures summarize(const Gaps& gaps, std::size_t samples) {
   return figures;
 }
 
-/// Loads one view after the other: which truth samples it saw, and where its rays go.
+/// Loads one view after the other: which truth samples it saw, where its rays go, and what lies beyond the boundary.
 std::vector<std::uint16_t> visit_views(const TruthViews& views, const Eigen::Vector3d& origin_m, const Side& result,
                                        const Side& truth, Evaluation& evaluation, Context& context) {
   if (views.count == 0) return std::vector<std::uint16_t>(truth.samples.positions_m.size(), 1);
   std::vector<std::uint16_t> seen_by(truth.samples.positions_m.size(), 0);
+  TruthBoundary boundary(result.surface, truth.surface, truth.scene, evaluation.options, context);
   StageScope stage(context, "evaluate views", views.count);
   for (std::size_t i = 0; i < views.count; ++i) {
     const View view = views.load(i);
@@ -183,8 +167,10 @@ std::vector<std::uint16_t> visit_views(const TruthViews& views, const Eigen::Vec
                                                 {result.surface, result.scene, truth.surface, truth.scene},
                                                 evaluation.options, kFirstViewStream + i, context));
     evaluation.rays = add(std::move(evaluation.rays), evaluation.rays_by_view.back());
+    boundary.visit(view, origin_m, context);
     stage.advance();
   }
+  evaluation.boundary = boundary.figures();
   return seen_by;
 }
 

@@ -2,19 +2,14 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
+#include "evaluate/table.h"
 #include "lapseam/evaluate.h"
 
 namespace lapseam {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-constexpr double kMmPerM = 1e3;
-constexpr double kDegPerRad = 180 / std::numbers::pi;
-
-double percent(std::uint64_t part, std::uint64_t whole) { return whole == 0 ? 0 : 100 * double(part) / double(whole); }
 
 /// JSON has no infinity.
 Json finite_or_null(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
@@ -80,24 +75,6 @@ Json options_json(const EvaluateOptions& o) {
           {"seed", o.seed}};
 }
 
-/// Lines of the form "  name            value  remark".
-class Table {
- public:
-  void head(std::string_view title) { text_ += fmt::format("{}\n", title); }
-  void line(std::string_view name, const std::string& value) { text_ += fmt::format("  {:<28}{:>14}\n", name, value); }
-  void mm(std::string_view name, double m) {
-    line(name, std::isfinite(m) ? fmt::format("{:.3f} mm", kMmPerM * m) : "-");
-  }
-  void share(std::string_view name, double x) { line(name, fmt::format("{:.3f} %", 100 * x)); }
-  void count(std::string_view name, std::uint64_t n) { line(name, fmt::format("{}", n)); }
-  void degrees(std::string_view name, double rad) { line(name, fmt::format("{:.3f} °", kDegPerRad * rad)); }
-  void text(std::string_view text) { text_ += text; }
-  std::string take() { return std::move(text_); }
-
- private:
-  std::string text_;
-};
-
 void add_accuracy(Table& table, const Evaluation& e) {
   table.head("accuracy (result to truth)");
   if (!e.accuracy) {
@@ -141,18 +118,15 @@ void add_rays(Table& table, const Evaluation& e) {
   }
   table.head("rays (through pixels that truly see something)");
   const RayFigures& r = e.rays;
-  const auto share = [&](const std::string& name, std::uint64_t part, std::uint64_t whole) {
-    table.line(name, fmt::format("{:.3f} %", percent(part, whole)));
-  };
   const double gross_mm = kMmPerM * e.options.gross_m;
   table.count("rays", r.rays);
-  share(fmt::format("within {:g} mm", kMmPerM * e.options.ray_close_m), r.close, r.rays);
-  share("miss", r.misses(), r.rays);
-  share(fmt::format("float over {:g} mm in front", gross_mm), r.floating, r.rays);
-  share(fmt::format("over {:g} mm behind", gross_mm), r.behind, r.rays);
-  share("front-facing, of hits", r.front_facing, r.hits);
-  share("double layer, of these", r.double_layers, r.front_facing);
-  share("  the same on the truth", r.truth_double_layers, r.truth_front_facing);
+  table.share(fmt::format("within {:g} mm", kMmPerM * e.options.ray_close_m), r.close, r.rays);
+  table.share("miss", r.misses(), r.rays);
+  table.share(fmt::format("float over {:g} mm in front", gross_mm), r.floating, r.rays);
+  table.share(fmt::format("over {:g} mm behind", gross_mm), r.behind, r.rays);
+  table.share("front-facing, of hits", r.front_facing, r.hits);
+  table.share("double layer, of these", r.double_layers, r.front_facing);
+  table.share("  the same on the truth", r.truth_double_layers, r.truth_front_facing);
 }
 
 void add_health(Table& table, const MeshHealth& h) {
@@ -162,8 +136,10 @@ void add_health(Table& table, const MeshHealth& h) {
   table.count("components", h.components);
   table.count("  of 100 triangles or more", h.components_100_triangles);
   table.share("  largest, of triangles", h.largest_component_share);
+  table.count("  that hold 99 % of the area", h.components_99_percent_area);
+  table.count("  smallest, triangles", h.smallest_component_triangles);
   table.count("boundary edges", h.boundary_edges);
-  table.line("boundary length", fmt::format("{:.3f} m", h.boundary_length_m));
+  table.metres("boundary length", h.boundary_length_m);
   table.count("boundary loops", h.boundary_loops);
   table.count("non-manifold edges", h.nonmanifold_edges);
   table.count("misoriented edges", h.misoriented_edges);
@@ -179,14 +155,33 @@ void add_health(Table& table, const MeshHealth& h) {
   table.mm("side of a triangle, median", h.edge_length_median_m);
 }
 
+void add_seams(Table& table, const SeamHealth& s) {
+  table.head("seams (where measured patches meet)");
+  table.count("patches", s.patches);
+  table.count("  islands of under 40 triangles", s.islands);
+  table.metres("seam length", s.seam_length_m);
+  table.line("seam length per area", fmt::format("{:.3f} /m", s.seam_length_per_area_per_m));
+  table.count("seam triangles", s.seam_triangles);
+  table.share("  their area", s.seam_area_share);
+  const auto& angle = s.seam_min_angle_percentiles_deg;
+  table.line("  smallest angle 1/5/25 %", fmt::format("{:.1f}/{:.1f}/{:.1f} °", angle[0], angle[1], angle[2]));
+  table.line("  self-intersecting",
+             s.self_intersections_checked ? fmt::format("{}", s.self_intersecting_seam_triangles) : "not checked");
+}
+
 }  // namespace
 
 std::string to_text(const Evaluation& evaluation) {
   Table table;
-  add_accuracy(table, evaluation);
-  add_completeness(table, evaluation);
-  add_rays(table, evaluation);
+  if (evaluation.has_truth) {
+    add_accuracy(table, evaluation);
+    add_completeness(table, evaluation);
+    add_rays(table, evaluation);
+  }
+  if (evaluation.against_views) table.text(to_text(*evaluation.against_views));
+  if (evaluation.has_views) add_boundary(table, "boundary, by the truth", evaluation.boundary);
   add_health(table, evaluation.health);
+  if (evaluation.health.seams) add_seams(table, *evaluation.health.seams);
   return table.take();
 }
 
@@ -194,11 +189,13 @@ std::string to_json(const Evaluation& evaluation) {
   Json json = {{"format", "lapseam-evaluation"}, {"version", 1}};
   json["options"] = options_json(evaluation.options);
   json["accuracy"] = accuracy_json(evaluation);
-  json["completeness"] = completeness_json(evaluation);
+  json["completeness"] = evaluation.has_truth ? completeness_json(evaluation) : Json(nullptr);
   json["distances"] = distances_json(evaluation);
   json["rays"] = evaluation.has_views ? rays_json(evaluation.rays) : Json(nullptr);
   json["rays_by_view"] = Json::array();
   for (const RayFigures& view : evaluation.rays_by_view) json["rays_by_view"].push_back(rays_json(view));
+  json["boundary"] = evaluation.has_views ? Json::parse(to_json(evaluation.boundary)) : Json(nullptr);
+  json["against_views"] = evaluation.against_views ? Json::parse(to_json(*evaluation.against_views)) : Json(nullptr);
   json["mesh"] = Json::parse(to_json(evaluation.health));
   return json.dump(1);
 }

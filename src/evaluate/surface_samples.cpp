@@ -5,6 +5,8 @@
 #include <cmath>
 
 #include "core/parallel.h"
+#include "health/incidence.h"
+#include "health/predicates.h"
 
 namespace lapseam {
 namespace {
@@ -21,6 +23,20 @@ Eigen::Vector3d area_vector(const Surface& surface, std::size_t triangle) {
 }
 
 }  // namespace
+
+Surface make_surface(const Mesh& mesh, const Eigen::Vector3d& origin_m, Context& context) {
+  WeldedSurface welded = weld_surface(mesh, context);
+  Surface surface{std::move(welded.positions_m), std::move(welded.triangles), {}};
+  std::erase_if(surface.triangles, [&](const Triangle& t) {
+    return has_repeated_vertex(t) ||
+           dominant_plane(surface.positions_m[t[0]], surface.positions_m[t[1]], surface.positions_m[t[2]]) < 0;
+  });
+  const Eigen::Vector3d shift = mesh.origin_m - origin_m;
+  if (!shift.isZero(0))
+    for (Eigen::Vector3f& p : surface.positions_m) p = (p.cast<double>() + shift).cast<float>();
+  compute_normals(surface, context);
+  return surface;
+}
 
 void compute_normals(Surface& surface, Context& context) {
   surface.normals.resize(surface.triangles.size());

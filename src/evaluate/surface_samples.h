@@ -36,6 +36,9 @@ struct Surface {
   std::vector<Eigen::Vector3f> normals;  ///< unit length; zero for triangles without area
 };
 void compute_normals(Surface& surface, Context& context);
+/// The welded mesh relative to origin_m, without triangles of no area: they have no normal to tell, and their edges are
+/// those of others.
+Surface make_surface(const Mesh& mesh, const Eigen::Vector3d& origin_m, Context& context);
 
 struct SurfaceSamples {
   std::vector<Eigen::Vector3f> positions_m;

@@ -18,9 +18,6 @@ constexpr std::size_t kGrain = 1024;
 constexpr double kSeenSpacings = 0.1;
 constexpr double kSeenRangeShare = 1e-4;
 
-// The next surface is looked for this far behind the first hit; less would find the first again.
-constexpr float kBehindHit_m = 1e-4f;
-
 /// The pixel that (u, v) falls into; nothing outside the image.
 std::optional<std::size_t> pixel_at(const View& view, double u, double v) {
   const int width = view.range.width, height = view.range.height;
@@ -32,7 +29,24 @@ std::optional<std::size_t> pixel_at(const View& view, double u, double v) {
   return view.range.index(column, row);
 }
 
-/// point and normal in the view's frame.
+void add_ray(RayFigures& figures, const Ray& ray, const RayTargets& targets, const EvaluateOptions& options) {
+  const Encounter found = follow(ray, targets.result, targets.result_scene, options.double_layer_m);
+  const Encounter truth = follow(ray, targets.truth, targets.truth_scene, options.double_layer_m);
+  ++figures.rays;
+  figures.hits += found.is_hit;
+  figures.front_facing += found.is_front;
+  figures.double_layers += found.is_double;
+  figures.truth_front_facing += truth.is_front;
+  figures.truth_double_layers += truth.is_double;
+  if (!found.is_hit) return;
+  const double behind_m = found.length_m - ray.sample_length_m;
+  figures.close += std::abs(behind_m) <= options.ray_close_m;
+  figures.floating += behind_m < -options.gross_m;
+  figures.behind += behind_m > options.gross_m;
+}
+
+}  // namespace
+
 bool is_seen(const View& view, const Eigen::Vector3d& point, const Eigen::Vector3d& normal, double grazing_cosine) {
   const auto at = project(view.sensor, point);
   if (!at || -normal.dot(ray_direction(view.sensor, at->u, at->v)) <= grazing_cosine) return false;
@@ -47,75 +61,6 @@ bool is_seen(const View& view, const Eigen::Vector3d& point, const Eigen::Vector
   // Across the surface, not along the ray: a slanted surface changes its range within a pixel, but stays a plane.
   return std::abs(normal.dot(measured - point)) <= tolerance;
 }
-
-/// Where a ray goes, relative to the surfaces' origin, and how far it truly went.
-struct Ray {
-  Eigen::Vector3f origin, direction;
-  double true_length_m;
-};
-
-Ray ray_through(const View& view, const Eigen::Vector3d& origin_m, std::size_t pixel) {
-  const auto column = double(pixel % std::size_t(view.range.width));
-  const auto row = double(pixel / std::size_t(view.range.width));
-  const Eigen::Vector3d seen = unproject(view.sensor, column, row, double(view.range.pixels[pixel]));
-  const Eigen::Vector3d start = unproject(view.sensor, column, row, 0.0);
-  const double length = (seen - start).norm();
-  const Eigen::Vector3d direction = view.T_world_view.linear() * ((seen - start) / length);
-  return {(view.T_world_view * start - origin_m).cast<float>(), direction.cast<float>(), length};
-}
-
-/// What a ray meets first, and whether another front follows closely.
-struct Encounter {
-  bool is_hit = false, is_front = false, is_double = false;
-  double length_m = 0;
-};
-
-Encounter follow(const Ray& ray, const Surface& surface, const RayScene& scene, double double_layer_m) {
-  Encounter encounter;
-  const RayHit first = scene.cast(ray.origin, ray.direction);
-  if (!first) return encounter;
-  const auto is_front = [&](const RayHit& hit) { return surface.normals[hit.triangle].dot(ray.direction) < 0; };
-  encounter.is_hit = true;
-  encounter.length_m = double(first.t);
-  encounter.is_front = is_front(first);
-  if (!encounter.is_front) return encounter;
-  const RayHit next = scene.cast(ray.origin, ray.direction, first.t + kBehindHit_m);
-  encounter.is_double = next && double(next.t - first.t) < double_layer_m && is_front(next);
-  return encounter;
-}
-
-/// Valid pixels, at most count, chosen at random but always the same.
-std::vector<std::size_t> choose_pixels(const View& view, std::size_t count, std::uint64_t seed, std::uint64_t stream) {
-  std::vector<std::pair<std::uint64_t, std::size_t>> keyed;
-  for (std::size_t i = 0; i < view.range.size(); ++i)
-    if (view.range.pixels[i] > kInvalidRange) keyed.emplace_back(random_bits(seed, stream, i), i);
-  if (keyed.size() > count) {
-    std::nth_element(keyed.begin(), keyed.begin() + std::ptrdiff_t(count), keyed.end());
-    keyed.resize(count);
-  }
-  std::vector<std::size_t> pixels(keyed.size());
-  std::transform(keyed.begin(), keyed.end(), pixels.begin(), [](const auto& key) { return key.second; });
-  std::sort(pixels.begin(), pixels.end());
-  return pixels;
-}
-
-void add_ray(RayFigures& figures, const Ray& ray, const RayTargets& targets, const EvaluateOptions& options) {
-  const Encounter found = follow(ray, targets.result, targets.result_scene, options.double_layer_m);
-  const Encounter truth = follow(ray, targets.truth, targets.truth_scene, options.double_layer_m);
-  ++figures.rays;
-  figures.hits += found.is_hit;
-  figures.front_facing += found.is_front;
-  figures.double_layers += found.is_double;
-  figures.truth_front_facing += truth.is_front;
-  figures.truth_double_layers += truth.is_double;
-  if (!found.is_hit) return;
-  const double behind_m = found.length_m - ray.true_length_m;
-  figures.close += std::abs(behind_m) <= options.ray_close_m;
-  figures.floating += behind_m < -options.gross_m;
-  figures.behind += behind_m > options.gross_m;
-}
-
-}  // namespace
 
 RayFigures add(RayFigures a, const RayFigures& b) {
   a.rays += b.rays;

@@ -7,11 +7,15 @@
 #include <span>
 #include <vector>
 
+#include "evaluate/follow_ray.h"
 #include "evaluate/surface_samples.h"
 #include "lapseam/evaluate.h"
 #include "spatial/ray_scene.h"
 
 namespace lapseam {
+
+/// Whether the view saw a point of a true surface; point and unit normal in the view's frame. As count_seen says.
+bool is_seen(const View& view, const Eigen::Vector3d& point, const Eigen::Vector3d& normal, double grazing_cosine);
 
 /// Adds one to seen_by[i] for each sample of the true surface that the view saw: it faces the sensor, at an
 /// angle whose cosine is over grazing_cosine, and the range image has, at its pixel, a point of the same surface.

@@ -2,8 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
-#include <numbers>
+#include <numeric>
 #include <utility>
 
 #include "core/disjoint_sets.h"
@@ -11,7 +10,9 @@
 #include "health/incidence.h"
 #include "health/percentile.h"
 #include "health/predicates.h"
+#include "health/seams.h"
 #include "health/self_intersection.h"
+#include "health/shape.h"
 
 namespace lapseam {
 namespace {
@@ -142,8 +143,7 @@ std::uint64_t count_loops(const std::vector<BlockFindings>& blocks, std::uint64_
 }
 
 void inspect_vertices(std::span<const Eigen::Vector3f> positions_m, std::span<const Triangle> triangles,
-                      MeshHealth& health, Context& context) {
-  const Incidence incidence = build_incidence(positions_m.size(), triangles);
+                      const Incidence& incidence, MeshHealth& health, Context& context) {
   std::vector<BlockFindings> blocks((positions_m.size() + kVerticesPerBlock - 1) / kVerticesPerBlock);
   parallel_blocks(context, positions_m.size(), kVerticesPerBlock, [&](std::size_t begin, std::size_t end) {
     VertexInspector inspector(positions_m, triangles, incidence, blocks[begin / kVerticesPerBlock]);
@@ -162,7 +162,19 @@ void inspect_vertices(std::span<const Eigen::Vector3f> positions_m, std::span<co
   health.boundary_loops = count_loops(blocks, health.boundary_edges);
 }
 
-void count_components(std::size_t vertices, std::span<const Triangle> triangles, MeshHealth& health) {
+/// How many of the largest areas make up the share of their sum.
+std::uint64_t count_up_to_share(std::vector<double> areas, double share) {
+  std::sort(areas.begin(), areas.end(), std::greater<>());
+  const double needed = share * std::accumulate(areas.begin(), areas.end(), 0.0);
+  double sum = 0;
+  std::uint64_t count = 0;
+  for (; count < areas.size() && sum < needed; ++count) sum += areas[count];
+  return count;
+}
+
+void count_components(std::span<const Eigen::Vector3f> positions_m, std::span<const Triangle> triangles,
+                      MeshHealth& health) {
+  const std::size_t vertices = positions_m.size();
   DisjointSets sets(vertices);
   std::uint64_t total = 0;
   for (const Triangle& t : triangles) {
@@ -172,30 +184,25 @@ void count_components(std::size_t vertices, std::span<const Triangle> triangles,
     ++total;
   }
   std::vector<std::uint32_t> size(vertices, 0);
-  for (const Triangle& t : triangles)
-    if (!has_repeated_vertex(t)) ++size[sets.find(t[0])];
+  std::vector<double> area(vertices, 0);
+  for (const Triangle& t : triangles) {
+    if (has_repeated_vertex(t)) continue;
+    const std::uint32_t root = sets.find(t[0]);
+    ++size[root];
+    area[root] += shape_of(positions_m[t[0]], positions_m[t[1]], positions_m[t[2]]).area_m2;
+  }
   std::uint32_t largest = 0;
   for (const std::uint32_t s : size) {
-    health.components += s > 0;
+    if (s == 0) continue;
+    ++health.components;
     health.components_100_triangles += s >= 100;
     largest = std::max(largest, s);
+    if (health.smallest_component_triangles == 0 || s < health.smallest_component_triangles)
+      health.smallest_component_triangles = s;
   }
+  std::erase(area, 0.0);
+  health.components_99_percent_area = count_up_to_share(std::move(area), 0.99);
   if (total > 0) health.largest_component_share = double(largest) / double(total);
-}
-
-struct Shape {
-  float min_angle_deg;
-  float middle_side_m;
-};
-
-Shape shape_of(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
-  std::array<std::pair<double, int>, 3> sides = {{{(b - c).norm(), 0}, {(c - a).norm(), 1}, {(a - b).norm(), 2}}};
-  std::sort(sides.begin(), sides.end());
-  const std::array<const Eigen::Vector3d*, 3> corner = {&a, &b, &c};
-  const auto tip = std::size_t(sides[0].second);  // the smallest angle faces the shortest side
-  const Eigen::Vector3d u = *corner[(tip + 1) % 3] - *corner[tip], v = *corner[(tip + 2) % 3] - *corner[tip];
-  const double angle = std::atan2(u.cross(v).norm(), u.dot(v));
-  return {float(angle * 180 / std::numbers::pi), float(sides[1].first)};
 }
 
 void measure_triangles(std::span<const Eigen::Vector3f> positions_m, std::span<const Triangle> triangles,
@@ -218,11 +225,10 @@ void measure_triangles(std::span<const Eigen::Vector3f> positions_m, std::span<c
         for (std::size_t i = begin; i < end; ++i) {
           const Triangle& t = triangles[proper[i]];
           const Eigen::Vector3f &a = positions_m[t[0]], &b = positions_m[t[1]], &c = positions_m[t[2]];
-          const Eigen::Vector3d ad = a.cast<double>(), bd = b.cast<double>(), cd = c.cast<double>();
-          const Shape shape = shape_of(ad, bd, cd);
+          const TriangleShape shape = shape_of(a, b, c);
           angles[i] = shape.min_angle_deg;
           sides[i] = shape.middle_side_m;
-          s.area += (bd - ad).cross(cd - ad).norm() / 2;
+          s.area += shape.area_m2;
           s.flat += dominant_plane(a, b, c) < 0;
           s.sharp += shape.min_angle_deg < 10;
         }
@@ -255,14 +261,19 @@ MeshHealth check_health(const Mesh& mesh, const HealthOptions& options, Context&
   health.vertices = positions_m.size();
   health.triangles = triangles.size();
   measure_triangles(positions_m, triangles, health, context);
-  count_components(positions_m.size(), triangles, health);
-  inspect_vertices(positions_m, triangles, health, context);
+  count_components(positions_m, triangles, health);
+  const Incidence incidence = build_incidence(positions_m.size(), triangles);
+  inspect_vertices(positions_m, triangles, incidence, health, context);
+  SelfIntersections found;
   if (options.self_intersections) {
-    const SelfIntersections found = count_self_intersections(positions_m, triangles, context);
+    found = find_self_intersections(positions_m, triangles, context);
     health.self_intersections_checked = true;
     health.self_intersecting_triangles = found.triangles;
     health.self_intersecting_pairs = found.pairs;
   }
+  if (!mesh.triangle_tag.empty() && !mesh.triangle_view.empty())
+    health.seams = measure_seams({positions_m, triangles, mesh.triangle_tag, mesh.triangle_view, found.is_meeting},
+                                 incidence, SeamOptions{}.island_triangles, context);
   return health;
 }
 

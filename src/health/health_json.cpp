@@ -12,6 +12,8 @@ std::string to_json(const MeshHealth& health) {
       {"components", health.components},
       {"components_100_triangles", health.components_100_triangles},
       {"largest_component_percent", 100 * health.largest_component_share},
+      {"smallest_component_triangles", health.smallest_component_triangles},
+      {"components_99_percent_area", health.components_99_percent_area},
       {"edges", health.edges},
       {"boundary_edges", health.boundary_edges},
       {"boundary_length_m", health.boundary_length_m},
@@ -36,6 +38,8 @@ std::string to_json(const MeshHealth& health) {
     json["self_intersecting_triangles"] = health.self_intersecting_triangles;
     json["self_intersecting_pairs"] = health.self_intersecting_pairs;
   }
+  // null: the mesh does not say which of its triangles are seams
+  json["seams"] = health.seams ? nlohmann::ordered_json::parse(to_json(*health.seams)) : nullptr;
   return json.dump();
 }
 

@@ -47,9 +47,10 @@ class Finder {
     build_tree();
   }
 
-  SelfIntersections count() {
+  SelfIntersections find() {
     is_meeting_.assign(order_.size(), 0);
     SelfIntersections result;
+    result.is_meeting.assign(triangles_.size(), 0);
     if (order_.empty()) return result;
     result.pairs = parallel_reduce(
         context_, levels_[0].size(), 64, std::uint64_t(0),
@@ -58,7 +59,10 @@ class Finder {
           return pairs;
         },
         [](std::uint64_t a, std::uint64_t b) { return a + b; });
-    for (const std::uint8_t is_meeting : is_meeting_) result.triangles += is_meeting;
+    for (std::size_t i = 0; i < order_.size(); ++i) {
+      result.triangles += is_meeting_[i];
+      result.is_meeting[order_[i]] = is_meeting_[i];
+    }
     return result;
   }
 
@@ -189,9 +193,9 @@ class Finder {
 
 }  // namespace
 
-SelfIntersections count_self_intersections(std::span<const Eigen::Vector3f> positions_m,
-                                           std::span<const Triangle> triangles, Context& context) {
-  return Finder(positions_m, triangles, context).count();
+SelfIntersections find_self_intersections(std::span<const Eigen::Vector3f> positions_m,
+                                          std::span<const Triangle> triangles, Context& context) {
+  return Finder(positions_m, triangles, context).find();
 }
 
 }  // namespace lapseam

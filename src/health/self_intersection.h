@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "lapseam/mesh.h"
 
@@ -15,11 +16,12 @@ class Context;
 struct SelfIntersections {
   std::uint64_t triangles = 0;  ///< that meet at least one other
   std::uint64_t pairs = 0;
+  std::vector<std::uint8_t> is_meeting;  ///< per triangle: 1 where it meets another
 };
 
 /// Exact. Pairs with one common vertex meet when the edge opposite to it meets the other triangle; pairs with two or
 /// three common vertices are not tested, nor triangles of zero area.
-SelfIntersections count_self_intersections(std::span<const Eigen::Vector3f> positions_m,
-                                           std::span<const Triangle> triangles, Context& context);
+SelfIntersections find_self_intersections(std::span<const Eigen::Vector3f> positions_m,
+                                          std::span<const Triangle> triangles, Context& context);
 
 }  // namespace lapseam

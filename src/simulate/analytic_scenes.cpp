@@ -1,5 +1,6 @@
 // Small scenes for experiments, and scenes made of any mesh.
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -48,6 +49,21 @@ void add_bare_room(MeshBuilder& builder, double w, double d, double h, Dice& dic
   }
 }
 
+/// What is thin and seen from both sides beside the partition: a door leaf of 40 mm, ajar, and a book that stands open,
+/// with boards of 3 mm.
+void add_leaf_and_book(MeshBuilder& builder, Dice& dice) {
+  builder.set_frame(standing_at(0.06, 3.2, -0.7));
+  builder.use(make_material(Pattern::kWood, 0xC7A27A, 0x94683F, 0.2, dice));
+  builder.add_box({0, 0, 0.01}, {0.85, 0.04, 2.0});
+  builder.use(make_material(Pattern::kPlain, 0x943126, 0x943126, 0.1, dice));
+  constexpr double kBoard_m = 0.003;
+  for (const double side : {-1.0, 1.0}) {
+    builder.set_frame(standing_at(1.0, 1.0, 0.5 * side));
+    const double y = side * kBoard_m;  // outwards, so that the boards stay apart at the spine
+    builder.add_box({0.004, std::min(0.0, y), 0.0005}, {0.17, std::max(0.0, y), 0.24});
+  }
+}
+
 }  // namespace
 }  // namespace simulation
 
@@ -84,6 +100,7 @@ SimulatedScene make_partition_scene(double thickness_m) {
   MeshBuilder builder;
   add_bare_room(builder, kWidth, kDepth, kHeight, dice);
   add_partition(builder, standing_at(2.0, 2.0, 1.5707963267948966), 2.0, 1.7, thickness_m, dice);
+  add_leaf_and_book(builder, dice);
   constexpr std::array<double, 6> kDiameters_m{0.003, 0.005, 0.008, 0.010, 0.015, 0.020};
   for (std::size_t i = 0; i < kDiameters_m.size(); ++i) {
     builder.set_frame(standing_at(3.0, 0.9 + 0.4 * double(i)));

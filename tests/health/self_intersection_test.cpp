@@ -109,7 +109,7 @@ TEST_P(SelfIntersectionsOfSoup, agree_with_separating_axes) {
   const std::uint32_t seed = GetParam();
   const Mesh mesh = test::lattice_soup(seed, 300, 2 + int(seed) * 2, 30 + 60 * seed);
   Context context;
-  const SelfIntersections found = count_self_intersections(mesh.positions_m, mesh.triangles, context);
+  const SelfIntersections found = find_self_intersections(mesh.positions_m, mesh.triangles, context);
   const SelfIntersections expected = count_by_brute_force(mesh);
   EXPECT_EQ(found.pairs, expected.pairs);
   EXPECT_EQ(found.triangles, expected.triangles);
@@ -131,7 +131,7 @@ TEST(SelfIntersections, small_triangles_far_apart_are_sparse_and_all_found) {
     mesh.triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
   }
   Context context;
-  const SelfIntersections found = count_self_intersections(mesh.positions_m, mesh.triangles, context);
+  const SelfIntersections found = find_self_intersections(mesh.positions_m, mesh.triangles, context);
   const SelfIntersections expected = count_by_brute_force(mesh);
   EXPECT_EQ(found.pairs, expected.pairs);
   EXPECT_EQ(found.triangles, expected.triangles);
@@ -142,9 +142,9 @@ TEST(SelfIntersections, small_triangles_far_apart_are_sparse_and_all_found) {
 TEST(SelfIntersections, folded_grid_meets_itself_and_a_flat_one_does_not) {
   Mesh mesh = test::grid(20, 20);
   Context context;
-  EXPECT_EQ(count_self_intersections(mesh.positions_m, mesh.triangles, context).pairs, 0u);
+  EXPECT_EQ(find_self_intersections(mesh.positions_m, mesh.triangles, context).pairs, 0u);
   mesh.positions_m[21 * 10 + 10] += Eigen::Vector3f(3.25f, 0, 0);  // drags its six triangles over their neighbours
-  EXPECT_GT(count_self_intersections(mesh.positions_m, mesh.triangles, context).pairs, 6u);
+  EXPECT_GT(find_self_intersections(mesh.positions_m, mesh.triangles, context).pairs, 6u);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <array>
 #include <map>
 #include <set>
 
@@ -203,6 +204,38 @@ TEST(RoomOptions, SizesFromSmallToHall) {
   EXPECT_THROW(make_room({.width_m = 2}), InvalidInput);
   EXPECT_THROW(make_room({.height_m = std::nan("")}), InvalidInput);
   EXPECT_THROW(make_room({.depth_m = 100}), InvalidInput);
+}
+
+TEST(Scenes, PartitionAndDoorLeafAreSeenFromBothSides) {
+  Context context;
+  const SimulatedScene scene = make_partition_scene(0.015);
+  SensorRig rig = make_rgbd_rig(80, 60);
+  rig.effects = scaled(rig.effects, 0);
+  rig.color.reset();
+  const auto plan = make_trajectory(scene, rig, {.kind = Trajectory::kWalk, .views = 24}, context);
+  const Simulator simulator(scene, 1, context, false);
+  // The partition stands at x = 2; the leaf's frame is at its hinge, x along it.
+  const Eigen::Isometry3d T_leaf_world =
+      (Eigen::Translation3d(0.06, 3.2, 0) * Eigen::AngleAxisd(-0.7, Vector3d::UnitZ())).inverse();
+  std::array<int, 2> partition{}, leaf{};
+  for (std::uint32_t i = 0; i < plan.size(); ++i) {
+    const SimulatedView view = simulator.simulate(plan[i], i, rig.effects, context);
+    for (int v = 0; v < 60; ++v)
+      for (int u = 0; u < 80; ++u) {
+        const auto r = double(view.true_range.at(u, v));
+        if (!(r > 0)) continue;
+        const Vector3d p = view.T_world_view_true * unproject(view.view.sensor, u, v, r);
+        const Vector3d q = T_leaf_world * p;
+        if (std::abs(p.y() - 2) < 0.9 && p.z() > 0.1 && p.z() < 1.6 && std::abs(p.x() - 2) < 0.009)
+          ++partition[p.x() > 2];
+        if (q.x() > 0.1 && q.x() < 0.8 && q.z() > 0.1 && q.z() < 1.9 && std::abs(q.y() - 0.02) < 0.021)
+          ++leaf[q.y() > 0.02];
+      }
+  }
+  for (const int side : {0, 1}) {
+    EXPECT_GT(partition[std::size_t(side)], 500);
+    EXPECT_GT(leaf[std::size_t(side)], 50);
+  }
 }
 
 TEST(Scenes, RefuseNonsense) {

@@ -184,7 +184,8 @@ class Usage(ToolTest):
         self.expect_usage_error("integrate", "a.json", names=["--output"])
         self.expect_usage_error("info")
         self.expect_usage_error("render")
-        self.expect_usage_error("evaluate", "a.ply")
+        self.expect_usage_error("evaluate", "a.ply", names=["TRUTH", "--views"])
+        self.expect_usage_error("evaluate", "a.ply", "b.ply", "--only-every", "10", names=["--only-every"])
 
     def test_values_out_of_range(self):
         scene = save(self.folder, write_wall_scene(self.folder))
@@ -459,6 +460,25 @@ class Instruments(ToolTest):
             picture = (f / f"{mode}.png").read_bytes()
             self.assertEqual(struct.unpack(">II", picture[16:24]), (160, 120))
             self.assertGreater(len(picture), 2000)  # an empty picture packs to a few hundred bytes
+
+    def test_evaluate_without_truth_measures_against_the_views(self):
+        room, f = self.folder / "room", self.folder
+        self.expect_ok("simulate", "room", "-o", room, "--views", "6", "--size", "80x60", "--no-color")
+        self.expect_ok("integrate", room / "scene.json", "-o", f / "room.ply", "--hold-out", "3")
+        self.expect_ok("evaluate", f / "room.ply", "--views", room / "scene.json", "--only-every", "3", "--json",
+                       f / "e.json")
+        evaluation = json.loads((f / "e.json").read_text())
+        self.assertIsNone(evaluation["accuracy"])
+        self.assertEqual(len(evaluation["against_views"]["ranges_by_view"]), 2)
+        self.assertGreater(evaluation["against_views"]["ranges"]["within_percent"], 10)
+        self.assertGreater(evaluation["against_views"]["boundary"]["length_m"], 1)
+        self.assertGreater(evaluation["mesh"]["seams"]["patches"], 1)
+        # The truth beside the same views.
+        self.expect_ok("evaluate", f / "room.ply", room / "truth" / "mesh.ply", "--views", room / "truth" / "scene.json",
+                       "--measured", room / "scene.json", "--json", f / "both.json")
+        both = json.loads((f / "both.json").read_text())
+        self.assertEqual(len(both["against_views"]["ranges_by_view"]), 6)
+        self.assertAlmostEqual(both["boundary"]["length_m"], both["against_views"]["boundary"]["length_m"], places=3)
 
     def test_evaluate_json_on_standard_output_is_only_json(self):
         scene = save(self.folder, write_wall_scene(self.folder))

@@ -3,22 +3,26 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <map>
 
 #include "command.h"
 #include "lapseam/error.h"
 #include "lapseam/evaluate.h"
 #include "lapseam/io.h"
+#include "lapseam/smooth.h"
+#include "lapseam/survey.h"
 
 namespace lapseam::tool {
 namespace {
 
 struct EvaluateArguments {
   CommonOptions common;
-  std::string result, truth, views, json;
+  std::string result, truth, views, measured, json;
   std::vector<double> at_mm = {1, 2, 5, 10};
   std::size_t samples = EvaluateOptions{}.samples;
   std::size_t rays = EvaluateOptions{}.rays_per_view;
   std::uint64_t seed = 0;
+  int only_every = 0;
   bool no_self_intersections = false;
 };
 
@@ -55,18 +59,84 @@ EvaluateOptions options_from(const EvaluateArguments& arguments) {
   return options;
 }
 
-void run(const EvaluateArguments& arguments) {
-  const EvaluateOptions options = options_from(arguments);
-  check_json_file(arguments.json);
-  const std::unique_ptr<Context> context = make_context(arguments.common);
+// Every Nth view from the first, as integrate leaves them out.
+Scene only_every(Scene scene, int n) {
+  if (n < 2) return scene;
+  Scene some = scene;
+  some.views.clear();
+  for (std::size_t i = 0; i < scene.views.size(); i += std::size_t(n)) some.views.push_back(std::move(scene.views[i]));
+  return some;
+}
+
+NoiseModel scaled(const NoiseModel& noise, double factor) {
+  return {noise.s0_m * factor, noise.s1 * factor, noise.s2_per_m * factor, noise.floor_m * factor};
+}
+
+// Noise and registration error are what the views themselves say, where the scene says nothing.
+ViewEvaluation evaluate_measured(const Mesh& result, const EvaluateArguments& arguments, const std::string& path,
+                                 Context& context) {
+  const Scene scene = only_every(read_scene(path, {}, context), arguments.only_every);
+  const Survey found = survey(scene, {}, context);
+  for (const ViewSurvey& view : found.views)
+    if (!view.is_usable()) throw Error(view.problem);
+  std::map<std::string, NoiseModel> noise;
+  for (const SensorSurvey& sensor : found.sensors) noise[sensor.sensor_id] = sensor.given.value_or(sensor.noise);
+  const auto noise_of = [&](std::size_t i) {
+    return scene.views[i].noise.value_or(noise.at(found.views[i].sensor_id));
+  };
+  const MeasuredViews views{scene.views.size(), [&](std::size_t i) { return load_view(scene.views[i]); }, noise_of};
+  double remaining = 1;  // of the noise, in the view that was loaded last
+  const MeasuredViews smoothed{scene.views.size(),
+                               [&](std::size_t i) {
+                                 View view = load_view(scene.views[i]);
+                                 SmoothResult result_of_view = smooth(view, noise_of(i), {}, context);
+                                 view.range = std::move(result_of_view.range);
+                                 remaining = result_of_view.remaining_sigma_factor;
+                                 return view;
+                               },
+                               [&](std::size_t i) { return scaled(noise_of(i), remaining); }};
+  return evaluate_views(result, views, smoothed,
+                        {.rays_per_view = arguments.rays,
+                         .boundary = {.registration_error_m = found.registration.median_m},
+                         .seed = arguments.seed},
+                        context);
+}
+
+Evaluation evaluate_health(const Mesh& result, const EvaluateOptions& options, Context& context) {
+  Evaluation evaluation;
+  evaluation.options = options;
+  evaluation.has_truth = false;
+  const StageScope stage(context, "evaluate health");
+  evaluation.health = check_health(result, {.weld = true, .self_intersections = options.self_intersections}, context);
+  return evaluation;
+}
+
+Evaluation evaluate_truth(const Mesh& result, const EvaluateArguments& arguments, const EvaluateOptions& options,
+                          Context& context) {
   Scene scene;
   TruthViews views;
   if (!arguments.views.empty()) {
-    scene = read_scene(arguments.views, {}, *context);
+    scene = read_scene(arguments.views, {}, context);
     views = {scene.views.size(), [&scene](std::size_t i) { return load_view(scene.views[i]); }};
   }
-  const Mesh result = read_mesh(arguments.result), truth = read_mesh(arguments.truth);
-  const Evaluation evaluation = evaluate(result, truth, views, options, *context);
+  return evaluate(result, read_mesh(arguments.truth), views, options, context);
+}
+
+void run(const EvaluateArguments& arguments) {
+  const EvaluateOptions options = options_from(arguments);
+  const bool has_truth = !arguments.truth.empty();
+  if (!has_truth && arguments.views.empty() && arguments.measured.empty())
+    throw CLI::RequiredError("TRUTH, --views or --measured");
+  if (!has_truth && !arguments.views.empty() && !arguments.measured.empty())
+    throw CLI::ValidationError("--measured", "without TRUTH, --views are the measured ones");
+  const std::string& measured = has_truth || arguments.views.empty() ? arguments.measured : arguments.views;
+  if (measured.empty() && arguments.only_every > 0) throw CLI::ValidationError("--only-every", "needs measured views");
+  check_json_file(arguments.json);
+  const std::unique_ptr<Context> context = make_context(arguments.common);
+  const Mesh result = read_mesh(arguments.result);
+  Evaluation evaluation =
+      has_truth ? evaluate_truth(result, arguments, options, *context) : evaluate_health(result, options, *context);
+  if (!measured.empty()) evaluation.against_views = evaluate_measured(result, arguments, measured, *context);
   if (arguments.json != "-") fmt::print("{}", to_text(evaluation));
   if (!arguments.json.empty()) write_json(arguments.json, to_json(evaluation));
 }
@@ -75,12 +145,19 @@ void run(const EvaluateArguments& arguments) {
 
 void add_evaluate_command(CLI::App& app) {
   auto arguments = std::make_shared<EvaluateArguments>();
-  CLI::App* command = app.add_subcommand("evaluate", "Measure a mesh against the true surface");
+  CLI::App* command =
+      app.add_subcommand("evaluate", "Measure a mesh against the true surface, the measured views, or both");
   command->add_option("result", arguments->result, "Mesh to measure: PLY, OBJ or GLB")->required();
-  command->add_option("truth", arguments->truth, "True mesh: PLY, OBJ or GLB")->required();
+  command->add_option("truth", arguments->truth, "True mesh: PLY, OBJ or GLB");
   command->add_option("--views", arguments->views,
                       "Scene with true poses and noiseless range images (truth/scene.json of `simulate`): completeness "
-                      "of what was seen, and rays");
+                      "of what was seen, and rays. Without TRUTH: the measured views");
+  command->add_option("--measured", arguments->measured,
+                      "Scene as it was measured: range against the mesh, double layers, cracks, beside the truth");
+  command
+      ->add_option("--only-every", arguments->only_every,
+                   "Of the measured views, every Nth from the first: those that `integrate --hold-out N` left out")
+      ->check(CLI::Range(2, 1'000'000));
   command->add_option("--at", arguments->at_mm, "Distances for precision, completeness and F-score, mm")
       ->delimiter(',')
       ->capture_default_str();
