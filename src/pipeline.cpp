@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "core/parallel.h"
+#include "health/self_intersection.h"
 #include "lapseam/error.h"
 #include "lapseam/integrate.h"
 #include "lapseam/io.h"
@@ -15,6 +16,9 @@ namespace {
 
 // Views of one sensor that its noise is estimated from, spread over the scene.
 constexpr std::size_t kNoiseViews = 8;
+// Triangles that cut through others are taken out and their places closed anew this many times; what still cuts then is
+// left out.
+constexpr int kMendings = 2;
 
 class Integration {
  public:
@@ -165,17 +169,29 @@ class Integration {
       claims = claim_samples(patches_, {overlap_, options_.smallest_island}, counts, context_);
       for (std::size_t i = 0; i < patches_.size(); ++i) result_.report.views[i].claims = counts[i];
     }
-    StageScope stage(context_, "sew", 2 * patches_.size());
+    StageScope stage(context_, "sew", (2 + kMendings) * patches_.size());
     Zipper zipper(patches_, overlap_);
+    const auto wanted_of = [&](std::size_t i, Claim least) {
+      Image<std::uint8_t> wanted = claims[i];
+      for (std::uint8_t& c : wanted.pixels) c = c == std::uint8_t(Claim::kBest) || c == std::uint8_t(least);
+      return wanted;
+    };
     for (const Claim least : {Claim::kBest, Claim::kYields})
       for (std::size_t i = 0; i < patches_.size(); ++i) {
-        if (getenv("P1") && least != Claim::kBest) break;
-        Image<std::uint8_t> wanted = claims[i];
-        for (std::uint8_t& c : wanted.pixels)
-          c = c == std::uint8_t(Claim::kBest) || c == std::uint8_t(least);
-        zipper.add(std::uint32_t(i), wanted, context_);
+        zipper.add(std::uint32_t(i), wanted_of(i, least), context_);
         stage.advance();
       }
+    // Where views disagree, triangles of two of them may cut through each other: they go, and what is left is closed.
+    for (int mending = 0; mending <= kMendings; ++mending) {
+      const SelfIntersections found =
+          find_self_intersections(zipper.mesh().positions_m, zipper.mesh().triangles, context_);
+      result_.report.self_intersecting_triangles_removed += found.triangles;
+      if (found.triangles > 0) zipper.remove(found.is_meeting, context_);
+      for (std::size_t i = 0; i < patches_.size() && mending < kMendings; ++i) {
+        if (found.triangles > 0) zipper.mend(std::uint32_t(i), wanted_of(i, Claim::kYields), context_);
+        stage.advance();
+      }
+    }
     result_.report.zipper = zipper.report();
     result_.mesh = zipper.take();
   }

@@ -71,6 +71,7 @@ struct IntegrateReport {
   std::map<std::string, SensorReport> sensors;  ///< by sensor id
   double registration_error_m = 0;
   ZipperReport zipper;
+  std::uint64_t self_intersecting_triangles_removed = 0;  ///< over all rounds of mending
   std::uint64_t pinched_vertices_split = 0;
   std::uint64_t triangles_in_small_components = 0;
   AtlasReport atlas;

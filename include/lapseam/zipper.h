@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include "lapseam/mesh.h"
 #include "lapseam/overlap.h"
@@ -34,6 +35,11 @@ class Zipper {
   /// and closes what gaps between them and the model, and within the model, the view measured as surface. May be called
   /// again for the same view.
   void add(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context);
+
+  /// Takes out of the model every triangle for which doomed is not 0; mend() closes what that leaves open.
+  void remove(const std::vector<std::uint8_t>& doomed, Context& context);
+  /// As add, but only around triangles that the last remove() took. Does nothing for a view that sees none of them.
+  void mend(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context);
 
   const Mesh& mesh() const;
   ZipperReport report() const;

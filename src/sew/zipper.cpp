@@ -109,6 +109,11 @@ struct Zipper::Impl {
   std::vector<std::uint32_t> local_of_vertex;              // scratch, all kInvalidIndex between calls
   ZipperReport report;
   std::vector<std::uint8_t> times_added;
+  std::vector<Eigen::Vector4f> removed;                    // where triangles were taken: centre, radius
+
+  void add(std::uint32_t index, const Image<std::uint8_t>& wanted, bool is_mending, Context& context);
+  void find_border();
+  void add_chunks(std::size_t begin);
 
   class Step;
 };
@@ -116,11 +121,12 @@ struct Zipper::Impl {
 // One view's turn.
 class Zipper::Impl::Step {
  public:
-  Step(Impl& model, std::uint32_t index, const Image<std::uint8_t>& wanted, int shift, Context& context)
+  Step(Impl& model, std::uint32_t index, const Image<std::uint8_t>& wanted, int shift, bool is_mending, Context& context)
       : m_(model),
         index_(index),
         patch_(model.patches[index]),
         wanted_(wanted),
+        is_mending_(is_mending),
         context_(context),
         canvas_(patch_, model.mesh.origin_m, model.options, shift),
         w_(canvas_.width()),
@@ -133,6 +139,7 @@ class Zipper::Impl::Step {
   }
 
   void run() {
+    if (is_mending_ && !find_focus()) return;
     find_walls();
     mark_walls();
     mark_covered();
@@ -160,6 +167,48 @@ class Zipper::Impl::Step {
   float turn(const CanvasPoint& a, const CanvasPoint& b, const CanvasPoint& c) const {
     const float area = (b.u - a.u) * (c.v - a.v) - (b.v - a.v) * (c.u - a.u);
     return patch_.grid.is_mirrored ? area : -area;  // rows run down
+  }
+
+  // ---- mending: only cells around what was removed
+  static constexpr int kFocusTile_px = 16;
+  static constexpr float kFocusMargin_px = 4;
+
+  bool find_focus() {
+    focus_ = Image<std::uint8_t>(w_, h_, 0);
+    focus_tile_ = Image<std::uint8_t>(w_ / kFocusTile_px + 1, h_ / kFocusTile_px + 1, 0);
+    bool any = false;
+    for (const Eigen::Vector4f& spot : m_.removed) {
+      const CanvasPoint at = canvas_.project(spot.head<3>());
+      if (!at.is_in || canvas_.compare(at, 0) != Agreement::kAgrees) continue;
+      const float radius = std::min(64.0f, spot.w() / std::max(1e-6f, pixel_size_m(at))) + kFocusMargin_px;
+      any = true;
+      for (int v = std::max(0, int(at.v - radius)); v <= std::min(h_ - 1, int(at.v + radius)); ++v)
+        for (int u = std::max(0, int(at.u - radius)); u <= std::min(w_ - 1, int(at.u + radius)); ++u) {
+          focus_.at(u, v) = 1;
+          focus_tile_.at(u / kFocusTile_px, v / kFocusTile_px) = 1;
+        }
+    }
+    if (!any) return false;
+    for (std::size_t i = 0; i < cell_.size(); ++i)
+      if (!focus_.pixels[i]) cell_.pixels[i] = kBlocked;
+    return true;
+  }
+
+  // Distance between neighbouring rays at a point.
+  float pixel_size_m(const CanvasPoint& at) const {
+    const int u = std::clamp(int(at.u), 0, w_ - 2), v = std::clamp(int(at.v), 0, h_ - 1);
+    const std::size_t a = canvas_.pixel(u, v), b = canvas_.pixel(u + 1, v);
+    return (patch_.rays->point(a, at.r) - patch_.rays->point(b, at.r)).norm();
+  }
+
+  bool is_in_focus(float u_low, float u_high, float v_low, float v_high) const {
+    if (!is_mending_) return true;
+    const int u0 = std::max(0, int(std::floor(u_low))) / kFocusTile_px, v0 = std::max(0, int(std::floor(v_low))) / kFocusTile_px;
+    const int u1 = std::min(w_ - 1, int(std::ceil(u_high))), v1 = std::min(h_ - 1, int(std::ceil(v_high)));
+    for (int v = v0; v * kFocusTile_px <= v1; ++v)
+      for (int u = u0; u * kFocusTile_px <= u1; ++u)
+        if (focus_tile_.at(u, v)) return true;
+    return false;
   }
 
   // ---- what the model covers already
@@ -229,9 +278,11 @@ class Zipper::Impl::Step {
     const auto [u_low, u_high] = std::minmax({p[0].u, p[1].u, p[2].u});
     const auto [v_low, v_high] = std::minmax({p[0].v, p[1].v, p[2].v});
     const float bulge = bulge_of(std::max(u_high - u_low, v_high - v_low));
+    if (!is_in_focus(u_low - bulge, u_high + bulge, v_low - bulge, v_high + bulge)) return;
     for (int v = std::max(0, int(std::floor(v_low - bulge))); v <= std::min(h_ - 1, int(std::floor(v_high + bulge))); ++v)
       for (int u = std::max(0, int(std::floor(u_low - bulge))); u <= std::min(w_ - 1, int(std::floor(u_high + bulge))); ++u)
-        if (cell_.at(u, v)) beneath.push_back({std::uint32_t(cell_.index(u, v)), std::uint32_t(t)});
+        if (cell_.at(u, v) && (!is_mending_ || focus_.at(u, v)))
+          beneath.push_back({std::uint32_t(cell_.index(u, v)), std::uint32_t(t)});
     const int u0 = std::max(0, int(std::ceil(u_low - bulge))), u1 = std::min(w_ - 1, int(std::floor(u_high + bulge)));
     const int v0 = std::max(0, int(std::ceil(v_low - bulge))), v1 = std::min(h_ - 1, int(std::floor(v_high + bulge)));
     if (u0 > u1 || v0 > v1) return;
@@ -287,6 +338,8 @@ class Zipper::Impl::Step {
     a = canvas_.project(m_.mesh.positions_m[edge.a]);
     b = canvas_.project(m_.mesh.positions_m[edge.b]);
     if (!a.is_in && !b.is_in) return WallKind::kElsewhere;
+    if (!is_in_focus(std::min(a.u, b.u), std::max(a.u, b.u), std::min(a.v, b.v), std::max(a.v, b.v)))
+      return WallKind::kElsewhere;
     const Agreement at_a = canvas_.compare(a, m_.error_m[edge.a]), at_b = canvas_.compare(b, m_.error_m[edge.b]);
     const bool a_agrees = at_a == Agreement::kAgrees, b_agrees = at_b == Agreement::kAgrees;
     if (!a_agrees && !b_agrees) return WallKind::kElsewhere;
@@ -804,7 +857,7 @@ class Zipper::Impl::Step {
       i = end;
     }
     m_.open = std::move(still_open);
-    add_chunks();
+    m_.add_chunks(first_new_triangle_);
     remember_chords();
   }
 
@@ -819,18 +872,6 @@ class Zipper::Impl::Step {
       }
   }
 
-  void add_chunks() {
-    for (std::size_t first = first_new_triangle_; first < m_.mesh.triangles.size(); first += kChunk) {
-      Chunk chunk{first, std::min(first + kChunk, m_.mesh.triangles.size()), {}, 0};
-      Eigen::AlignedBox3f box;
-      for (std::size_t t = chunk.first; t < chunk.last; ++t)
-        for (const std::uint32_t v : m_.mesh.triangles[t]) box.extend(m_.mesh.positions_m[v]);
-      chunk.center = box.center();
-      chunk.radius_m = 0.5f * box.diagonal().norm();
-      m_.chunks.push_back(chunk);
-    }
-  }
-
   struct Fence {
     std::uint32_t from, to;  // points; the gap lies to the left
   };
@@ -839,6 +880,7 @@ class Zipper::Impl::Step {
   std::uint32_t index_;
   const Patch& patch_;
   const Image<std::uint8_t>& wanted_;
+  bool is_mending_;
   Context& context_;
   ViewCanvas canvas_;
   int w_, h_;
@@ -847,6 +889,7 @@ class Zipper::Impl::Step {
   Image<std::uint32_t> local_of_sample_, vertex_of_sample_;
   std::vector<Wall> walls_, blocked_;
   std::vector<Beneath> beneath_;  // sorted
+  Image<std::uint8_t> focus_, focus_tile_;
   std::vector<Fence> fences_;
   std::vector<Local> locals_;
   std::vector<GridPoint> points_;
@@ -867,11 +910,85 @@ Zipper::Zipper(std::span<const Patch> patches, const OverlapOptions& options) : 
 }
 Zipper::~Zipper() = default;
 
-void Zipper::add(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context) {
+void Zipper::Impl::add(std::uint32_t index, const Image<std::uint8_t>& wanted, bool is_mending, Context& context) {
   // A panorama is cut somewhere; every second time on the other side, so that the cut is closed too.
-  const bool turns = impl_->patches[index].grid.wraps && (impl_->times_added[index] & 1);
-  ++impl_->times_added[index];
-  Impl::Step(*impl_, index, wanted, turns ? impl_->patches[index].grid.width / 2 : 0, context).run();
+  const bool turns = patches[index].grid.wraps && (times_added[index] & 1);
+  ++times_added[index];
+  Step(*this, index, wanted, turns ? patches[index].grid.width / 2 : 0, is_mending, context).run();
+}
+
+void Zipper::add(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context) {
+  impl_->add(index, wanted, false, context);
+}
+
+void Zipper::mend(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context) {
+  if (!impl_->removed.empty()) impl_->add(index, wanted, true, context);
+}
+
+void Zipper::remove(const std::vector<std::uint8_t>& doomed, Context& context) {
+  Mesh& mesh = impl_->mesh;
+  impl_->removed.clear();
+  std::size_t kept = 0;
+  for (std::size_t t = 0; t < mesh.triangle_count(); ++t) {
+    context.throw_if_cancelled();
+    const Triangle corners = mesh.triangles[t];
+    if (doomed[t]) {
+      const Eigen::Vector3f center =
+          (mesh.positions_m[corners[0]] + mesh.positions_m[corners[1]] + mesh.positions_m[corners[2]]) / 3;
+      float radius = 0;
+      for (const std::uint32_t v : corners) radius = std::max(radius, (mesh.positions_m[v] - center).norm());
+      impl_->removed.emplace_back(center.x(), center.y(), center.z(), radius);
+      continue;
+    }
+    mesh.triangles[kept] = corners;
+    mesh.triangle_view[kept] = mesh.triangle_view[t];
+    mesh.triangle_tag[kept] = mesh.triangle_tag[t];
+    ++kept;
+  }
+  if (kept == mesh.triangle_count()) return;
+  mesh.triangles.resize(kept);
+  mesh.triangle_view.resize(kept);
+  mesh.triangle_tag.resize(kept);
+  impl_->find_border();
+}
+
+// Everything that is known of the border, from the triangles alone.
+void Zipper::Impl::find_border() {
+  std::vector<OpenEdge> edges;
+  edges.reserve(mesh.triangle_count() * 3);
+  for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t)
+    for (std::size_t k = 0; k < 3; ++k) edges.push_back({mesh.triangles[t][k], mesh.triangles[t][(k + 1) % 3], t});
+  std::sort(edges.begin(), edges.end(), [](const OpenEdge& x, const OpenEdge& y) {
+    const std::uint64_t kx = undirected(x.a, x.b), ky = undirected(y.a, y.b);
+    return kx != ky ? kx < ky : x.triangle < y.triangle;
+  });
+  open.clear();
+  std::vector<std::uint8_t> on_border(mesh.vertex_count(), 0);
+  for (std::size_t i = 0; i < edges.size(); ++i) {
+    const std::uint64_t key = undirected(edges[i].a, edges[i].b);
+    const bool is_paired = (i > 0 && undirected(edges[i - 1].a, edges[i - 1].b) == key) ||
+                           (i + 1 < edges.size() && undirected(edges[i + 1].a, edges[i + 1].b) == key);
+    if (is_paired) continue;
+    open.push_back(edges[i]);
+    on_border[edges[i].a] = on_border[edges[i].b] = 1;
+  }
+  border_edges.clear();
+  for (const OpenEdge& edge : edges)
+    if (on_border[edge.a] && on_border[edge.b]) border_edges.insert(undirected(edge.a, edge.b));
+  chunks.clear();
+  add_chunks(0);
+}
+
+void Zipper::Impl::add_chunks(std::size_t begin) {
+  for (std::size_t first = begin; first < mesh.triangles.size(); first += kChunk) {
+    Chunk chunk{first, std::min(first + kChunk, mesh.triangles.size()), Eigen::Vector3f::Zero(), 0};
+    Eigen::AlignedBox3f box;
+    for (std::size_t t = chunk.first; t < chunk.last; ++t)
+      for (const std::uint32_t v : mesh.triangles[t]) box.extend(mesh.positions_m[v]);
+    chunk.center = box.center();
+    chunk.radius_m = 0.5f * box.diagonal().norm();
+    chunks.push_back(chunk);
+  }
 }
 
 const Mesh& Zipper::mesh() const { return impl_->mesh; }
