@@ -12,8 +12,13 @@ namespace lapseam {
 namespace {
 
 constexpr float kRegistrationFactor = 2.0f;  // twice the median disagreement covers most of it
+// Surfaces this many tolerances apart are still one that the views disagree about: one of them must yield.
+constexpr float kDisagreement = 2.0f;
 constexpr float kClearanceFactor = 2.0f;     // to be empty, space must be clearer than to be the same surface
 constexpr float kLowestCosine = 0.15f;       // 81°: beyond, a range says nothing about a normal distance
+// Range images are smoothed: measurements of one spot differ by much less than the noise of a single sample. What
+// differs by more than this share of it does so because a view blurs an edge, and would blur the mean.
+constexpr float kConsensusGate = 0.5f;
 constexpr float kSameSide = 0.7f;            // views this much alike in direction see the same side of a sheet
 
 std::uint8_t code(Claim claim) { return static_cast<std::uint8_t>(claim); }
@@ -106,11 +111,10 @@ class TileClaims {
       float between = measured;
       const bool is_smooth = interpolate(other, at, between);
       const float behind = between - at.r;
-      if (std::abs(behind) <= along_normal / cosine + slack) {
+      if (std::abs(behind) <= kDisagreement * along_normal / cosine + slack) {
         if (!is_same_side(judge, u, v, i)) continue;
         // Both errors are taken along the normal, where they mean the same for both views.
-        static const float G = getenv("GATE") ? float(atof(getenv("GATE"))) : 0.5f;
-        if (is_smooth && std::abs(behind) * cosine <= G * std::sqrt(own * own + error * error + systematic)) {
+        if (is_smooth && std::abs(behind) * cosine <= kConsensusGate * std::sqrt(own * own + error * error + systematic)) {
           const float weight = 1 / (own * own + systematic);
           sum += weight;
           weighted += weight * behind * cosine;
@@ -260,7 +264,6 @@ std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const C
     TileClaims(patches[i], options.overlap, claims[i], shifts[i]).run(tile, judges);
   });
   parallel_for(context, patches.size(), 1, [&](std::size_t i) {
-    if (!getenv("NOCONS"))
     for (std::size_t k = 0; k < shifts[i].size(); ++k) patches[i].view.range.pixels[k] += shifts[i].pixels[k];
     ClaimCounts sum;
     sum.islands += give_islands(patches[i].grid, claims[i], Claim::kBest, Claim::kYields, options.smallest_island);

@@ -416,6 +416,7 @@ class Zipper::Impl::Step {
 
   // ---- samples that the view adds
   bool is_usable(int u, int v) const {
+    if (is_mending_ && !focus_.at(u, v)) return false;
     const std::size_t pixel = canvas_.pixel(u, v);
     return wanted_.pixels[pixel] != 0 && patch_.confidence.pixels[pixel] > 0 && !(sample_.at(u, v) & (kShadowed | kNear));
   }
