@@ -14,6 +14,7 @@
 #include "lapseam/noise.h"
 #include "lapseam/overlap.h"
 #include "lapseam/patch.h"
+#include "lapseam/reduce.h"
 #include "lapseam/render.h"
 #include "lapseam/sensor.h"
 #include "lapseam/sew.h"
