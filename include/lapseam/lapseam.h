@@ -16,6 +16,7 @@
 #include "lapseam/noise.h"
 #include "lapseam/overlap.h"
 #include "lapseam/patch.h"
+#include "lapseam/reduce.h"
 #include "lapseam/render.h"
 #include "lapseam/seam_health.h"
 #include "lapseam/sensor.h"

@@ -7,6 +7,7 @@
 
 #include "core/parallel.h"
 #include "overlap/view_projection.h"
+#include "patch/wide_normal.h"
 
 namespace lapseam {
 namespace {
@@ -169,25 +170,8 @@ class TileClaims {
     const Eigen::Vector3f p = patch_.point_in_view(i), ray = judge.R * p + judge.t;
     const float alike = (judge.R * p).dot(ray);
     if (alike > kSameSide * p.norm() * ray.norm()) return true;
-    const Eigen::Vector3f normal = judge.R * wide_normal(u, v);
+    const Eigen::Vector3f normal = judge.R * WideNormal(patch_).at(u, v);
     return normal.dot(ray) < 0;
-  }
-
-  // Towards the sensor, from differences over a few samples.
-  Eigen::Vector3f wide_normal(int u, int v) const {
-    const auto reach = [&](int du, int dv) {
-      std::size_t best = patch_.confidence.index(u, v);
-      for (int k = 1; k <= 3; ++k) {
-        const int x = u + k * du, y = v + k * dv;
-        if (x < 0 || y < 0 || x >= w_ || y >= h_) break;
-        const std::size_t i = patch_.confidence.index(x, y);
-        if (!(patch_.confidence.pixels[i] > 0)) break;
-        best = i;
-      }
-      return patch_.point_in_view(best);
-    };
-    const Eigen::Vector3f normal = (reach(0, 1) - reach(0, -1)).cross(reach(1, 0) - reach(-1, 0));
-    return patch_.grid.is_mirrored ? Eigen::Vector3f(-normal) : normal;
   }
 
   const Patch& patch_;

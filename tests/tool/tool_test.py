@@ -18,7 +18,7 @@ import zlib
 from pathlib import Path
 
 TOOL = os.environ.get("LAPSEAM_TOOL", "build/release/lapseam")
-COMMANDS = ["simulate", "manifest", "info", "integrate", "render", "evaluate"]
+COMMANDS = ["simulate", "manifest", "info", "integrate", "reduce", "render", "evaluate"]
 
 
 def run(*arguments, environment=None, **options):
@@ -99,6 +99,12 @@ def write_conf_scene(folder):
     conf = folder / "scene.conf"
     conf.write_text("camera 0 0 0 0 0 0 1\nbmesh grid0.ply 0 0 0 0 0 0 1\nbmesh grid1.ply 0.02 0 0 0 0 0 1\n")
     return conf
+
+
+def ply_counts(path):
+    """Numbers of vertices and faces that the header declares."""
+    header = path.read_bytes()[:2000].split(b"end_header")[0].decode()
+    return [int(re.search(rf"element {kind} (\d+)", header)[1]) for kind in ("vertex", "face")]
 
 
 class ToolTest(unittest.TestCase):
@@ -479,6 +485,35 @@ class Instruments(ToolTest):
         both = json.loads((f / "both.json").read_text())
         self.assertEqual(len(both["against_views"]["ranges_by_view"]), 6)
         self.assertAlmostEqual(both["boundary"]["length_m"], both["against_views"]["boundary"]["length_m"], places=3)
+
+    def test_reduce_by_count_ratio_and_error(self):
+        f = self.folder
+        self.expect_ok("integrate", save(f, write_wall_scene(f)), "-o", f / "wall.ply")
+        given = ply_counts(f / "wall.ply")[1]
+        self.assertGreater(given, 2000)
+        for name, option in {"count": ["--triangles", 500], "ratio": ["--ratio", 0.25], "error": ["--max-error", 5],
+                             "noise": [], "samples": ["--triangles", 500, "--keep-vertices"]}.items():
+            result = self.expect_ok("reduce", f / "wall.ply", "-o", f / f"{name}.ply", *option)
+            self.assertIn(str(given), result.stdout)
+        self.assertIn(ply_counts(f / "count.ply")[1], (499, 500))
+        self.assertIn(ply_counts(f / "samples.ply")[1], (499, 500))
+        self.assertIn(given // 4 - ply_counts(f / "ratio.ply")[1], (0, 1))
+        # A wall and a box: planes within 5 mm, ragged only at the borders.
+        self.assertLess(ply_counts(f / "error.ply")[1], given / 4)
+        self.assertLess(ply_counts(f / "noise.ply")[1], given)
+        self.assertIn(b"property uint pixel", (f / "count.ply").read_bytes()[:600])
+
+    def test_reduce_refuses_what_it_cannot_do(self):
+        f = self.folder
+        self.expect_failure(1, "reduce", f / "none.ply", "-o", f / "out.ply", names=["none.ply"])
+        self.expect_usage_error("reduce", f / "a.ply")
+        self.expect_usage_error("reduce", f / "a.ply", "-o", f / "out.stl", names=["out.stl"])
+        for option in [["--triangles", "0"], ["--ratio", "1.5"], ["--ratio", "nan"], ["--max-error", "-1"],
+                       ["--max-error", "inf"]]:
+            self.expect_usage_error("reduce", f / "a.ply", "-o", f / "out.ply", *option, names=[option[0]])
+        self.expect_usage_error("reduce", f / "a.ply", "-o", f / "out.ply", "--ratio", "0.5", "--triangles", "5",
+                                names=["--ratio"])
+        self.assertFalse((f / "out.ply").exists())
 
     def test_evaluate_json_on_standard_output_is_only_json(self):
         scene = save(self.folder, write_wall_scene(self.folder))

@@ -28,6 +28,7 @@ void add_integrate_command(CLI::App& app);
 void add_info_command(CLI::App& app);
 void add_simulate_command(CLI::App& app);
 void add_evaluate_command(CLI::App& app);
+void add_reduce_command(CLI::App& app);
 void add_render_command(CLI::App& app);
 void add_manifest_command(CLI::App& app);
 
