@@ -135,6 +135,7 @@ int run(int argc, char** argv) {
   add_manifest_command(app);
   add_info_command(app);
   add_integrate_command(app);
+  add_sew_command(app);
   add_render_command(app);
   add_evaluate_command(app);
   app.footer(kFooter);  // last, since commands inherit it
