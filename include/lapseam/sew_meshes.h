@@ -35,9 +35,10 @@ struct SewMeshesReport {
   std::vector<SewnMesh> meshes;
   std::uint64_t front_triangles = 0;    ///< seam triangles made edge by edge (some are replaced later)
   std::uint64_t loop_triangles = 0;     ///< seam triangles made loop by loop (some are replaced later)
-  std::uint64_t cracks_widened = 0;     ///< loops that could not be closed, and were cut wider
+  std::uint64_t defects_widened = 0;    ///< loops that could not be closed, and fans that touch: cut wider
   std::uint64_t removed_to_repair = 0;  ///< triangles of the inputs that went for it
   std::uint64_t flips = 0;              ///< edges of the seam that were turned for a better shape
+  std::uint64_t collapses = 0;          ///< short edges at the seam that were taken out for a better shape
   std::uint64_t seam_triangles = 0;     ///< in the result
   std::uint64_t open_edges = 0;         ///< of cracks that are left
 };

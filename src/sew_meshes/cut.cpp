@@ -46,15 +46,6 @@ struct Bounds {
   bool contain(std::size_t m, const Eigen::Vector3f& p) const { return boxes[m].overlaps({p, p}); }
 };
 
-using Probes = std::vector<std::unique_ptr<SurfaceProbe>>;
-
-Probes make_probes(const MergedMeshes& merged, const LiveMesh& live, Context& context) {
-  Probes probes;
-  for (std::uint32_t m = 0; m + 1 < merged.first_vertex.size(); ++m)
-    probes.push_back(std::make_unique<SurfaceProbe>(merged, live, m, context));
-  return probes;
-}
-
 /// 0 at the border of its own mesh, 1 far from it.
 std::vector<float> measure_confidence(const MergedMeshes& merged, const LiveMesh& live, Context& context) {
   std::vector<float> confidence(merged.mesh.vertex_count(), 1.0f);
@@ -81,7 +72,7 @@ std::vector<float> measure_confidence(const MergedMeshes& merged, const LiveMesh
 }
 
 /// Marks vertices at places that another mesh shows better.
-std::vector<std::uint8_t> find_losers(const MergedMeshes& merged, const Probes& probes,
+std::vector<std::uint8_t> find_losers(const MergedMeshes& merged, const SurfaceProbes& probes,
                                       const std::vector<float>& confidence, float distance, StageScope& stage,
                                       Context& context) {
   const Bounds bounds(merged, distance);
@@ -138,7 +129,7 @@ void remove_marked(LiveMesh& live, const std::vector<std::uint8_t>& is_doomed) {
 void trim(const MergedMeshes& merged, LiveMesh& live, float distance, StageScope& stage, Context& context) {
   const Bounds bounds(merged, distance + 2 * merged.edge_length_m);
   const std::size_t meshes = merged.first_vertex.size() - 1;
-  Probes probes;
+  SurfaceProbes probes;
   for (std::uint32_t m = 0; m < meshes; ++m) {
     std::vector<std::uint8_t> is_covered_by(merged.triangle_mesh.size(), 0);
     parallel_blocks(context, is_covered_by.size(), 4096, [&](std::size_t begin, std::size_t end) {
@@ -224,9 +215,9 @@ void remove_islands(LiveMesh& live) {
 
 }  // namespace
 
-void measure_disagreement(const MergedMeshes& merged, const LiveMesh& live, SewMeshesReport& report, Context& context) {
+void measure_disagreement(const MergedMeshes& merged, const SurfaceProbes& probes, SewMeshesReport& report,
+                          Context& context) {
   const float radius = kSearchFactor * merged.edge_length_m;
-  const Probes probes = make_probes(merged, live, context);
   const Bounds bounds(merged, radius);
   const std::size_t step = std::max<std::size_t>(1, merged.mesh.vertex_count() / (kSamples * probes.size()));
   std::vector<float> distances((merged.mesh.vertex_count() + step - 1) / step, -1);
@@ -250,13 +241,13 @@ void measure_disagreement(const MergedMeshes& merged, const LiveMesh& live, SewM
   report.overlap_distance_m = std::max(double(merged.edge_length_m), 4 * report.disagreement_m);
 }
 
-void cut_overlap(const MergedMeshes& merged, LiveMesh& live, SewMeshesReport& report, Context& context) {
+void cut_overlap(const MergedMeshes& merged, LiveMesh& live, const SurfaceProbes& probes, SewMeshesReport& report,
+                 Context& context) {
   const auto distance = float(report.overlap_distance_m);
   StageScope stage(context, "overlap", merged.mesh.vertex_count() + merged.triangle_mesh.size());
   const std::vector<std::uint8_t> was_alive = live.alive();
   std::vector<std::uint8_t> is_doomed(merged.triangle_mesh.size(), 0);
   {
-    const Probes probes = make_probes(merged, live, context);
     const std::vector<float> confidence = measure_confidence(merged, live, context);
     const std::vector<std::uint8_t> loses = find_losers(merged, probes, confidence, distance, stage, context);
     for (std::uint32_t t = 0; t < is_doomed.size(); ++t) {

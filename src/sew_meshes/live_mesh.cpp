@@ -10,7 +10,8 @@ LiveMesh::LiveMesh(Mesh& mesh)
     : mesh_(mesh),
       alive_(mesh.triangle_count(), 1),
       head_(mesh.vertex_count(), kInvalidIndex),
-      next_(3 * mesh.triangle_count(), kInvalidIndex) {
+      next_(3 * mesh.triangle_count(), kInvalidIndex),
+      is_touched_(mesh.vertex_count(), 0) {
   for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t) link(t);
 }
 
@@ -34,13 +35,6 @@ std::uint32_t LiveMesh::find(std::uint32_t a, std::uint32_t b) const {
   for (std::uint32_t corner = head_[a]; corner != kInvalidIndex; corner = next_[corner])
     if (mesh_.triangles[corner / 3][(corner % 3 + 1) % 3] == b) return corner / 3;
   return kInvalidIndex;
-}
-
-bool LiveMesh::has_cut_edge(std::uint32_t t) const {
-  const Triangle& c = mesh_.triangles[t];
-  for (std::size_t k = 0; k < 3; ++k)
-    if (is_cut(c[k], c[(k + 1) % 3]) && is_open(c[k], c[(k + 1) % 3])) return true;
-  return false;
 }
 
 std::uint32_t LiveMesh::apex(std::uint32_t t, std::uint32_t a, std::uint32_t b) const {
@@ -103,7 +97,10 @@ void LiveMesh::remove(std::uint32_t t) {
   unlink(t);
   alive_[t] = 0;
   const Triangle& c = mesh_.triangles[t];
-  for (std::size_t k = 0; k < 3; ++k) cut_.insert(key(c[(k + 1) % 3], c[k]));
+  for (std::size_t k = 0; k < 3; ++k) {
+    cut_.insert(key(c[(k + 1) % 3], c[k]));
+    is_touched_[c[k]] = 1;
+  }
 }
 
 void LiveMesh::restore(std::uint32_t t) {
@@ -124,19 +121,21 @@ std::uint32_t LiveMesh::add(const Triangle& t, TriangleTag tag) {
   alive_.push_back(1);
   next_.resize(next_.size() + 3, kInvalidIndex);
   link(id);
-  for (std::size_t k = 0; k < 3; ++k) cut_.insert(key(t[k], t[(k + 1) % 3]));
+  for (std::size_t k = 0; k < 3; ++k) {
+    cut_.insert(key(t[k], t[(k + 1) % 3]));
+    is_touched_[t[k]] = 1;
+  }
   return id;
 }
 
-std::vector<std::array<std::uint32_t, 2>> LiveMesh::cut_edges(std::uint32_t first) const {
+std::vector<std::array<std::uint32_t, 2>> LiveMesh::cut_edges() const {
   std::vector<std::array<std::uint32_t, 2>> edges;
-  for (std::uint32_t t = first; t < alive_.size(); ++t) {
-    if (!alive_[t]) continue;
-    const Triangle& c = mesh_.triangles[t];
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint32_t a = c[k], b = c[(k + 1) % 3];
-      if (is_cut(a, b) && find(b, a) == kInvalidIndex) edges.push_back({a, b});
-    }
+  std::vector<std::uint32_t> out;
+  for (std::uint32_t a = 0; a < is_touched_.size(); ++a) {
+    if (!is_touched_[a]) continue;
+    open_out(a, out);
+    for (const std::uint32_t b : out)
+      if (is_cut(a, b)) edges.push_back({a, b});
   }
   return edges;
 }

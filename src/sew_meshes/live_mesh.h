@@ -3,6 +3,7 @@
 // A mesh that loses and gains triangles, with the neighbourhoods that this needs.
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <span>
 #include <unordered_set>
@@ -36,7 +37,8 @@ class LiveMesh {
     return find(a, b) != kInvalidIndex && find(b, a) == kInvalidIndex;
   }
   bool is_cut(std::uint32_t a, std::uint32_t b) const { return cut_.contains(key(a, b)); }
-  bool has_cut_edge(std::uint32_t t) const;
+  /// Whether a triangle at v came or went.
+  bool is_touched(std::uint32_t v) const { return is_touched_[v] != 0; }
   std::uint32_t apex(std::uint32_t t, std::uint32_t a, std::uint32_t b) const;
 
   /// Triangles around a vertex.
@@ -60,8 +62,8 @@ class LiveMesh {
   void restore(std::uint32_t t);
   /// Half-edges must be free. Its own open edges are cut. Provenance: the view that most corners come from.
   std::uint32_t add(const Triangle& t, TriangleTag tag);
-  /// Open edges that are cut, in the order of their triangles from `first` on.
-  std::vector<std::array<std::uint32_t, 2>> cut_edges(std::uint32_t first = 0) const;
+  /// Open edges that are cut, by their first vertex.
+  std::vector<std::array<std::uint32_t, 2>> cut_edges() const;
 
  private:
   static std::uint64_t key(std::uint32_t a, std::uint32_t b) { return std::uint64_t(a) << 32 | b; }
@@ -72,6 +74,7 @@ class LiveMesh {
   std::vector<std::uint8_t> alive_;
   std::vector<std::uint32_t> head_, next_;  // per vertex, per corner: a corner
   std::unordered_set<std::uint64_t> cut_;   // membership only
+  std::vector<std::uint8_t> is_touched_;    // per vertex: a triangle came or went
 };
 
 /// The smallest of the triangle's three sines.

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <queue>
 
-#include "lapseam/context.h"
+#include "core/parallel.h"
 
 namespace lapseam {
 namespace {
@@ -17,25 +17,46 @@ constexpr double kSmallestSine[kRounds] = {0.34, 0.25, 0.17, 0.09, 0.02};
 constexpr double kFoldCosine[kRounds] = {0.2, 0.0, -0.2, -0.4, -0.6};
 constexpr double kFacingCosine[kRounds] = {0.5, 0.35, 0.2, 0.1, 0.0};
 constexpr double kSlack[kRounds] = {0.03, 0.06, 0.1, 0.2, 0.3};
+// A seam goes where an input had a surface: within this many layers' distance, and up to this share of the spacing
+// beyond its border. Where there is none this far beyond an edge, the edge is a border like those of the inputs.
+constexpr float kCoverFactor = 2;
+constexpr float kBesideBorder = 0.3f;
+constexpr float kBeyond = 0.3f;
 constexpr int kFirstFarRound = 2;  // from here on, disagreement adds to the reach
 // Loops are closed by what fits best; a fold sharper than this is worse than a crack.
 constexpr TriangleRule kLoopRule = {.smallest_sine = 0.003, .fold_cosine = -0.6, .facing_cosine = -0.3};
 constexpr std::size_t kLargestCrack = 400;
 constexpr int kWidenings = 8;
-constexpr int kFlipPasses = 8;
-constexpr double kFlipGain = 1e-3;  // of the smaller sine, so that flips end
-constexpr double kFlipFoldCosine = 0.5;
 
 }  // namespace
 
-Seam::Seam(LiveMesh& mesh, std::span<const Eigen::Vector3f> normals, std::span<const float> spacing_m, float layer_m,
-           Context& context)
+Seam::Seam(LiveMesh& mesh, const MergedMeshes& merged, const SurfaceProbes& probes, float layer_m, Context& context)
     : mesh_(mesh),
-      normals_(normals),
-      spacing_m_(spacing_m),
+      merged_(merged),
+      probes_(probes),
       layer_m_(layer_m),
       context_(context),
-      check_(mesh, normals, context) {}
+      check_(mesh, merged.normals, context),
+      first_seam_(std::uint32_t(mesh.triangle_count())) {}
+
+bool Seam::is_covered(const Triangle& t) const {
+  const Eigen::Vector3f center = (mesh_.position(t[0]) + mesh_.position(t[1]) + mesh_.position(t[2])) / 3;
+  const float spacing = (merged_.spacing_m[t[0]] + merged_.spacing_m[t[1]] + merged_.spacing_m[t[2]]) / 3;
+  const Eigen::Vector3f normal = mesh_.area_normal(t).stableNormalized().cast<float>();
+  return is_surface_at(probes_, center, normal, kCoverFactor * layer_m_, kBesideBorder * spacing);
+}
+
+bool Seam::is_valid(const Triangle& t, const TriangleRule& rule) const {
+  return check_.does_fit(t, rule) && is_covered(t) && check_.is_clear(t, rule);
+}
+
+bool Seam::goes_on_beyond(const Edge& edge) const {
+  const Eigen::Vector3f a = mesh_.position(edge[0]), b = mesh_.position(edge[1]);
+  const Eigen::Vector3f normal = mesh_.area_normal(mesh_.find(edge[0], edge[1])).stableNormalized().cast<float>();
+  const float spacing = std::max((b - a).norm(), 0.5f * (merged_.spacing_m[edge[0]] + merged_.spacing_m[edge[1]]));
+  const Eigen::Vector3f outward = (b - a).cross(normal).stableNormalized();
+  return is_surface_at(probes_, 0.5f * (a + b) + kBeyond * spacing * outward, normal, kCoverFactor * layer_m_, 0);
+}
 
 TriangleRule Seam::rule_of(int round) const {
   return {.smallest_sine = kSmallestSine[round],
@@ -48,7 +69,7 @@ TriangleRule Seam::rule_of(int round) const {
 bool Seam::find_best(const Edge& edge, int round, Candidate& best) const {
   const auto [a, b] = edge;
   const Eigen::Vector3f &pa = mesh_.position(a), &pb = mesh_.position(b);
-  const float spacing = std::max((pa - pb).norm(), 0.5f * (spacing_m_[a] + spacing_m_[b]));
+  const float spacing = std::max((pa - pb).norm(), 0.5f * (merged_.spacing_m[a] + merged_.spacing_m[b]));
   const float radius = kReach[round] * spacing + (round >= kFirstFarRound ? 2 * layer_m_ : 0.0f);
   std::vector<Neighbor> around;
   tree_->find_in_radius(0.5f * (pa + pb), radius, around);
@@ -67,7 +88,7 @@ bool Seam::find_best(const Edge& edge, int round, Candidate& best) const {
     return x.cosine != y.cosine ? x.cosine < y.cosine : x.c < y.c;
   });
   for (const Candidate& candidate : candidates)
-    if (mesh_.is_on_border(candidate.c) && check_.is_valid({b, a, candidate.c}, rule)) {
+    if (mesh_.is_on_border(candidate.c) && is_valid({b, a, candidate.c}, rule)) {
       best = candidate;
       return true;
     }
@@ -76,6 +97,7 @@ bool Seam::find_best(const Edge& edge, int round, Candidate& best) const {
 
 void Seam::grow(SewMeshesReport& report) {
   std::vector<Edge> active = mesh_.cut_edges();
+  std::erase_if(active, [&](const Edge& edge) { return !goes_on_beyond(edge); });
   if (active.empty()) return;
   border_.clear();
   std::vector<Eigen::Vector3f> points;
@@ -90,20 +112,30 @@ void Seam::grow(SewMeshesReport& report) {
     std::priority_queue<Candidate> queue;
     std::vector<Edge> left;
     const auto seek = [&](const Edge& edge) {
-      Candidate found;
-      if (find_best(edge, round, found))
-        queue.push(found);
+      Candidate best;
+      if (find_best(edge, round, best))
+        queue.push(best);
       else
         left.push_back(edge);
     };
-    for (const Edge& edge : active)
-      if (mesh_.is_open(edge[0], edge[1])) seek(edge);
+    // The search for the first candidates is most of the work, and reads only.
+    std::vector<Candidate> first(active.size());
+    std::vector<std::uint8_t> found(active.size(), 0);
+    parallel_for(context_, active.size(), 64, [&](std::size_t i) {
+      found[i] = mesh_.is_open(active[i][0], active[i][1]) && find_best(active[i], round, first[i]);
+    });
+    for (std::size_t i = 0; i < active.size(); ++i) {
+      if (found[i])
+        queue.push(first[i]);
+      else
+        left.push_back(active[i]);
+    }
     while (!queue.empty()) {
       const Candidate next = queue.top();
       queue.pop();
       if (!mesh_.is_open(next.a, next.b)) continue;
       const Triangle t = {next.b, next.a, next.c};
-      if (!mesh_.is_on_border(next.c) || !check_.is_valid(t, rule_of(round))) {
+      if (!mesh_.is_on_border(next.c) || !is_valid(t, rule_of(round))) {
         seek({next.a, next.b});
         continue;
       }
@@ -120,11 +152,14 @@ void Seam::grow(SewMeshesReport& report) {
 std::vector<Loop> Seam::find_cracks() const {
   const std::vector<Edge> edges = mesh_.cut_edges();
   std::vector<Loop> loops = trace_loops(mesh_, edges);
-  // A loop that is mostly a border of the input is one still; what was added to it only made it smoother.
+  // Where no surface went on, the loop is a border; what was added to it only made it smoother.
   std::erase_if(loops, [&](const Loop& loop) {
-    std::size_t cut = 0;
-    for (std::size_t i = 0; i < loop.size(); ++i) cut += mesh_.is_cut(loop[i], loop[(i + 1) % loop.size()]);
-    return 2 * cut < loop.size() || loop.size() > kLargestCrack;
+    std::size_t cracked = 0;
+    for (std::size_t i = 0; i < loop.size(); ++i) {
+      const Edge edge = {loop[i], loop[(i + 1) % loop.size()]};
+      cracked += mesh_.is_cut(edge[0], edge[1]) && goes_on_beyond(edge);
+    }
+    return 2 * cracked < loop.size() || loop.size() > kLargestCrack;
   });
   return loops;
 }
@@ -161,66 +196,49 @@ void Seam::widen(const std::vector<Loop>& cracks, int attempt, SewMeshesReport& 
   }
 }
 
+std::vector<Loop> Seam::find_pinches() const {
+  std::vector<Loop> pinches;
+  for (std::uint32_t v = 0; v < mesh_.vertex_count(); ++v) {
+    if (!mesh_.is_touched(v)) continue;
+    bool is_seam = false;
+    mesh_.for_each_around(v, [&](std::uint32_t t) { is_seam = is_seam || mesh_.tag(t) == TriangleTag::kSeam; });
+    if (is_seam && mesh_.count_fans(v) > 1) pinches.push_back({v});
+  }
+  return pinches;
+}
+
+void Seam::cut_loose_ends() {
+  for (bool is_done = false; !is_done;) {
+    is_done = true;
+    for (const Loop& pinch : find_pinches()) {
+      std::vector<std::uint32_t> doomed;
+      mesh_.for_each_around(pinch[0], [&](std::uint32_t t) {
+        const Triangle& c = mesh_.triangle(t);
+        const bool is_at_border = mesh_.is_open(c[0], c[1]) || mesh_.is_open(c[1], c[2]) || mesh_.is_open(c[2], c[0]);
+        if (mesh_.tag(t) == TriangleTag::kSeam && is_at_border) doomed.push_back(t);
+      });
+      for (const std::uint32_t t : doomed) mesh_.remove(t);
+      is_done = is_done && doomed.empty();
+    }
+  }
+}
+
 void Seam::close(SewMeshesReport& report) {
   grow(report);
   close_loops(report);
   for (int attempt = 0; attempt < kWidenings; ++attempt) {
-    const std::vector<Loop> cracks = find_cracks();
-    if (cracks.empty()) break;
-    report.cracks_widened += cracks.size();
-    widen(cracks, attempt, report);
+    std::vector<Loop> defects = find_cracks();
+    for (Loop& pinch : find_pinches()) defects.push_back(std::move(pinch));
+    if (defects.empty()) break;
+    report.defects_widened += defects.size();
+    widen(defects, attempt, report);
     close_loops(report);
     grow(report);
     close_loops(report);
   }
   improve(report);
+  cut_loose_ends();
   for (const Loop& crack : find_cracks()) report.open_edges += crack.size();
-}
-
-bool Seam::flip(std::uint32_t a, std::uint32_t b) {
-  const std::uint32_t left = mesh_.find(a, b), right = mesh_.find(b, a);
-  if (left == kInvalidIndex || right == kInvalidIndex) return false;
-  if (mesh_.tag(left) != TriangleTag::kSeam || mesh_.tag(right) != TriangleTag::kSeam) return false;
-  const std::uint32_t c = mesh_.apex(left, a, b), d = mesh_.apex(right, a, b);
-  if (mesh_.find(c, d) != kInvalidIndex || mesh_.find(d, c) != kInvalidIndex) return false;
-  const auto sine = [&](std::uint32_t x, std::uint32_t y, std::uint32_t z) {
-    return smallest_sine(mesh_.position(x), mesh_.position(y), mesh_.position(z));
-  };
-  const double before = std::min(sine(a, b, c), sine(a, b, d)), after = std::min(sine(a, d, c), sine(d, b, c));
-  if (after < before + kFlipGain) return false;
-  const Triangle first = {a, d, c}, second = {d, b, c};
-  const Eigen::Vector3d n = mesh_.area_normal(first), m = mesh_.area_normal(second);
-  if (n.dot(m) < kFlipFoldCosine * n.norm() * m.norm()) return false;
-  mesh_.remove(left);
-  mesh_.remove(right);
-  const TriangleRule rule = {.fold_cosine = 0.0, .facing_cosine = 0.0};
-  if (check_.is_valid(first, rule)) {
-    const std::uint32_t added = check_.add(first, TriangleTag::kSeam);
-    if (check_.is_valid(second, rule)) {
-      check_.add(second, TriangleTag::kSeam);
-      return true;
-    }
-    mesh_.remove(added);
-  }
-  mesh_.restore(left);
-  mesh_.restore(right);
-  return false;
-}
-
-void Seam::improve(SewMeshesReport& report) {
-  for (int pass = 0; pass < kFlipPasses; ++pass) {
-    context_.throw_if_cancelled();
-    std::uint64_t flips = 0;
-    const auto end = std::uint32_t(mesh_.triangle_count());
-    for (std::uint32_t t = 0; t < end; ++t) {
-      if (!mesh_.is_alive(t) || mesh_.tag(t) != TriangleTag::kSeam) continue;
-      const Triangle c = mesh_.triangle(t);
-      for (std::size_t k = 0; k < 3 && mesh_.is_alive(t); ++k)
-        if (flip(c[k], c[(k + 1) % 3])) ++flips;
-    }
-    report.flips += flips;
-    if (flips == 0) break;
-  }
 }
 
 }  // namespace lapseam

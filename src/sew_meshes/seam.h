@@ -5,11 +5,11 @@
 // Meshes from Range Images, 1994.
 
 #include <memory>
-#include <span>
 #include <vector>
 
 #include "lapseam/sew_meshes.h"
 #include "sew_meshes/loops.h"
+#include "sew_meshes/surface_probe.h"
 #include "sew_meshes/triangle_check.h"
 #include "spatial/kd_tree.h"
 
@@ -19,10 +19,9 @@ class Context;
 
 class Seam {
  public:
-  /// Per vertex: unit normals and mean edge lengths of the meshes as they came. layer_m: how far two meshes that show
-  /// one surface may lie apart.
-  Seam(LiveMesh& mesh, std::span<const Eigen::Vector3f> normals, std::span<const float> spacing_m, float layer_m,
-       Context& context);
+  /// probes: of the meshes as they came; no seam is made where none of them has a surface. layer_m: how far two meshes
+  /// that show one surface may lie apart.
+  Seam(LiveMesh& mesh, const MergedMeshes& merged, const SurfaceProbes& probes, float layer_m, Context& context);
 
   void close(SewMeshesReport& report);
 
@@ -39,20 +38,31 @@ class Seam {
   using Edge = std::array<std::uint32_t, 2>;
 
   TriangleRule rule_of(int round) const;
+  bool is_valid(const Triangle& t, const TriangleRule& rule) const;
+  bool is_covered(const Triangle& t) const;
+  bool goes_on_beyond(const Edge& edge) const;
   bool find_best(const Edge& edge, int round, Candidate& best) const;
   void grow(SewMeshesReport& report);
   void close_loops(SewMeshesReport& report);
   std::vector<Loop> find_cracks() const;
+  std::vector<Loop> find_pinches() const;  // loops of one vertex, in which several fans touch
+  void cut_loose_ends();
   void widen(const std::vector<Loop>& cracks, int attempt, SewMeshesReport& report);
   void improve(SewMeshesReport& report);
+  double sine_of(const Triangle& t) const;
+  bool replace(const std::vector<std::uint32_t>& old, const std::vector<Triangle>& wanted, const TriangleRule& rule);
   bool flip(std::uint32_t a, std::uint32_t b);
+  bool collapse(std::uint32_t from, std::uint32_t to);
+  std::uint64_t flip_edges();
+  std::uint64_t collapse_needles();
 
   LiveMesh& mesh_;
-  std::span<const Eigen::Vector3f> normals_;
-  std::span<const float> spacing_m_;
+  const MergedMeshes& merged_;
+  const SurfaceProbes& probes_;
   float layer_m_;
   Context& context_;
   TriangleCheck check_;
+  std::uint32_t first_seam_;           // triangles from here on are ours
   std::vector<std::uint32_t> border_;  // vertices that the front may reach
   std::unique_ptr<KdTree> tree_;
 };

@@ -31,15 +31,17 @@ Mesh sew_meshes(std::span<const Mesh> meshes, const SewMeshesOptions& options, S
   MergedMeshes merged = merge_meshes(meshes, report, context);
   LiveMesh live(merged.mesh);
   const std::size_t given = live.triangle_count();
+  // Before flat triangles go: what they leave open is no border.
+  const SurfaceProbes probes = make_probes(merged, live, context);
   remove_flat_triangles(merged, live, report);
   if (meshes.size() > 1) {
-    measure_disagreement(merged, live, report, context);
+    measure_disagreement(merged, probes, report, context);
     if (options.overlap_distance_m > 0) report.overlap_distance_m = options.overlap_distance_m;
-    cut_overlap(merged, live, report, context);
+    cut_overlap(merged, live, probes, report, context);
   }
   {
     StageScope stage(context, "sew");
-    Seam seam(live, merged.normals, merged.spacing_m, float(report.overlap_distance_m), context);
+    Seam seam(live, merged, probes, float(report.overlap_distance_m), context);
     seam.close(report);
   }
   for (std::uint32_t t = 0; t < given; ++t) report.meshes[merged.triangle_mesh[t]].triangles_kept += live.is_alive(t);
@@ -59,9 +61,10 @@ std::string to_json(const SewMeshesReport& report) {
   json["seam_triangles"] = report.seam_triangles;
   json["front_triangles"] = report.front_triangles;
   json["loop_triangles"] = report.loop_triangles;
-  json["cracks_widened"] = report.cracks_widened;
+  json["defects_widened"] = report.defects_widened;
   json["removed_to_repair"] = report.removed_to_repair;
   json["flips"] = report.flips;
+  json["collapses"] = report.collapses;
   json["open_edges"] = report.open_edges;
   return json.dump(2);
 }

@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -36,9 +37,20 @@ class SurfaceProbe {
 
  private:
   const MergedMeshes& merged_;
-  const LiveMesh& live_;
   std::vector<std::uint32_t> triangles_;
+  std::vector<std::uint8_t>
+      borders_;  // per triangle: bit k: the edge from corner k is open, bit 3 + k: corner k is on one
   RayScene scene_;
 };
+
+using SurfaceProbes = std::vector<std::unique_ptr<SurfaceProbe>>;
+
+/// One for each mesh.
+SurfaceProbes make_probes(const MergedMeshes& merged, const LiveMesh& live, Context& context);
+
+/// Whether any mesh has a surface at the point that faces alike: within `height_m` of it, and at most `beside_m` beyond
+/// its border.
+bool is_surface_at(const SurfaceProbes& probes, const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
+                   float height_m, float beside_m);
 
 }  // namespace lapseam
