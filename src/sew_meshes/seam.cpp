@@ -25,8 +25,13 @@ constexpr float kBeyond = 0.3f;
 constexpr int kFirstFarRound = 2;  // from here on, disagreement adds to the reach
 // Loops are closed by what fits best; a fold sharper than this is worse than a crack.
 constexpr TriangleRule kLoopRule = {.smallest_sine = 0.003, .fold_cosine = -0.6, .facing_cosine = -0.3};
+// In a tangle of surfaces, where normals mean nothing, a small loop that withstood is closed by whatever meets nothing.
+constexpr TriangleRule kLooseRule = {.smallest_sine = 1e-3, .fold_cosine = -0.95};
+constexpr int kFirstLooseAttempt = 2;
+constexpr std::size_t kLargestLoose = 24;
 constexpr std::size_t kLargestCrack = 400;
-constexpr int kWidenings = 8;
+constexpr int kWidenings = 16;
+constexpr int kPinchWidenings = 2;
 
 }  // namespace
 
@@ -37,17 +42,15 @@ Seam::Seam(LiveMesh& mesh, const MergedMeshes& merged, const SurfaceProbes& prob
       layer_m_(layer_m),
       context_(context),
       check_(mesh, merged.normals, context),
-      first_seam_(std::uint32_t(mesh.triangle_count())) {}
+      first_seam_(std::uint32_t(mesh.triangle_count())) {
+  check_.set_condition([this](const Triangle& t) { return is_covered(t); });
+}
 
 bool Seam::is_covered(const Triangle& t) const {
   const Eigen::Vector3f center = (mesh_.position(t[0]) + mesh_.position(t[1]) + mesh_.position(t[2])) / 3;
   const float spacing = (merged_.spacing_m[t[0]] + merged_.spacing_m[t[1]] + merged_.spacing_m[t[2]]) / 3;
   const Eigen::Vector3f normal = mesh_.area_normal(t).stableNormalized().cast<float>();
   return is_surface_at(probes_, center, normal, kCoverFactor * layer_m_, kBesideBorder * spacing);
-}
-
-bool Seam::is_valid(const Triangle& t, const TriangleRule& rule) const {
-  return check_.does_fit(t, rule) && is_covered(t) && check_.is_clear(t, rule);
 }
 
 bool Seam::goes_on_beyond(const Edge& edge) const {
@@ -88,7 +91,7 @@ bool Seam::find_best(const Edge& edge, int round, Candidate& best) const {
     return x.cosine != y.cosine ? x.cosine < y.cosine : x.c < y.c;
   });
   for (const Candidate& candidate : candidates)
-    if (mesh_.is_on_border(candidate.c) && is_valid({b, a, candidate.c}, rule)) {
+    if (mesh_.is_on_border(candidate.c) && check_.is_valid({b, a, candidate.c}, rule)) {
       best = candidate;
       return true;
     }
@@ -135,7 +138,7 @@ void Seam::grow(SewMeshesReport& report) {
       queue.pop();
       if (!mesh_.is_open(next.a, next.b)) continue;
       const Triangle t = {next.b, next.a, next.c};
-      if (!mesh_.is_on_border(next.c) || !is_valid(t, rule_of(round))) {
+      if (!mesh_.is_on_border(next.c) || !check_.is_valid(t, rule_of(round))) {
         seek({next.a, next.b});
         continue;
       }
@@ -164,15 +167,21 @@ std::vector<Loop> Seam::find_cracks() const {
   return loops;
 }
 
-void Seam::close_loops(SewMeshesReport& report) {
+void Seam::close_loops(int attempt, SewMeshesReport& report) {
   for (const Loop& loop : find_cracks()) {
     context_.throw_if_cancelled();
     // An earlier loop may have taken an edge.
     bool is_open = true;
     for (std::size_t i = 0; is_open && i < loop.size(); ++i)
       is_open = mesh_.is_open(loop[i], loop[(i + 1) % loop.size()]);
-    if (is_open && close_loop(mesh_, check_, loop, LoopGoal::kShape, kLoopRule, TriangleTag::kSeam))
-      report.loop_triangles += loop.size() - 2;
+    if (!is_open) continue;
+    bool is_closed = close_loop(mesh_, check_, loop, LoopGoal::kShape, kLoopRule, TriangleTag::kSeam);
+    if (!is_closed && attempt >= kFirstLooseAttempt && loop.size() <= kLargestLoose) {
+      check_.set_condition({});
+      is_closed = close_loop(mesh_, check_, loop, LoopGoal::kShape, kLooseRule, TriangleTag::kSeam);
+      check_.set_condition([this](const Triangle& t) { return is_covered(t); });
+    }
+    if (is_closed) report.loop_triangles += loop.size() - 2;
   }
 }
 
@@ -180,7 +189,7 @@ void Seam::widen(const std::vector<Loop>& cracks, int attempt, SewMeshesReport& 
   // First what sewing made goes, then rings of what was measured.
   std::vector<std::uint32_t> vertices;
   for (const Loop& loop : cracks) vertices.insert(vertices.end(), loop.begin(), loop.end());
-  for (int ring = 0; ring < 1 + attempt / 2; ++ring) {
+  for (int ring = 0; ring < 1 + attempt / 8; ++ring) {
     std::vector<std::uint32_t> doomed;
     for (const std::uint32_t v : vertices)
       mesh_.for_each_around(v, [&](std::uint32_t t) {
@@ -198,46 +207,51 @@ void Seam::widen(const std::vector<Loop>& cracks, int attempt, SewMeshesReport& 
 
 std::vector<Loop> Seam::find_pinches() const {
   std::vector<Loop> pinches;
-  for (std::uint32_t v = 0; v < mesh_.vertex_count(); ++v) {
-    if (!mesh_.is_touched(v)) continue;
-    bool is_seam = false;
-    mesh_.for_each_around(v, [&](std::uint32_t t) { is_seam = is_seam || mesh_.tag(t) == TriangleTag::kSeam; });
-    if (is_seam && mesh_.count_fans(v) > 1) pinches.push_back({v});
-  }
+  for (std::uint32_t v = 0; v < mesh_.vertex_count(); ++v)
+    if (mesh_.is_touched(v) && mesh_.count_fans(v) > 1) pinches.push_back({v});
   return pinches;
 }
 
-void Seam::cut_loose_ends() {
+bool Seam::cut_loose_ends() {
+  bool is_any = false;
   for (bool is_done = false; !is_done;) {
     is_done = true;
     for (const Loop& pinch : find_pinches()) {
-      std::vector<std::uint32_t> doomed;
+      std::vector<std::uint32_t> at_border, seam, doomed;
       mesh_.for_each_around(pinch[0], [&](std::uint32_t t) {
         const Triangle& c = mesh_.triangle(t);
         const bool is_at_border = mesh_.is_open(c[0], c[1]) || mesh_.is_open(c[1], c[2]) || mesh_.is_open(c[2], c[0]);
-        if (mesh_.tag(t) == TriangleTag::kSeam && is_at_border) doomed.push_back(t);
+        const bool is_seam = mesh_.tag(t) == TriangleTag::kSeam;
+        if (is_at_border) at_border.push_back(t);
+        if (is_seam) seam.push_back(t);
+        if (is_at_border && is_seam) doomed.push_back(t);
       });
+      if (doomed.empty()) doomed = at_border.empty() ? seam : at_border;
       for (const std::uint32_t t : doomed) mesh_.remove(t);
       is_done = is_done && doomed.empty();
+      is_any = is_any || !doomed.empty();
     }
   }
+  return is_any;
 }
 
 void Seam::close(SewMeshesReport& report) {
   grow(report);
-  close_loops(report);
+  close_loops(0, report);
   for (int attempt = 0; attempt < kWidenings; ++attempt) {
     std::vector<Loop> defects = find_cracks();
-    for (Loop& pinch : find_pinches()) defects.push_back(std::move(pinch));
+    if (attempt < kPinchWidenings)
+      for (Loop& pinch : find_pinches()) defects.push_back(std::move(pinch));
+    // Ends of seams that hang on a single vertex go last; that may open a crack again.
+    if (defects.empty() && cut_loose_ends()) defects = find_cracks();
     if (defects.empty()) break;
     report.defects_widened += defects.size();
     widen(defects, attempt, report);
-    close_loops(report);
+    close_loops(attempt, report);
     grow(report);
-    close_loops(report);
+    close_loops(attempt, report);
   }
   improve(report);
-  cut_loose_ends();
   for (const Loop& crack : find_cracks()) report.open_edges += crack.size();
 }
 

@@ -38,15 +38,14 @@ class Seam {
   using Edge = std::array<std::uint32_t, 2>;
 
   TriangleRule rule_of(int round) const;
-  bool is_valid(const Triangle& t, const TriangleRule& rule) const;
   bool is_covered(const Triangle& t) const;
   bool goes_on_beyond(const Edge& edge) const;
   bool find_best(const Edge& edge, int round, Candidate& best) const;
   void grow(SewMeshesReport& report);
-  void close_loops(SewMeshesReport& report);
+  void close_loops(int attempt, SewMeshesReport& report);
   std::vector<Loop> find_cracks() const;
   std::vector<Loop> find_pinches() const;  // loops of one vertex, in which several fans touch
-  void cut_loose_ends();
+  bool cut_loose_ends();
   void widen(const std::vector<Loop>& cracks, int attempt, SewMeshesReport& report);
   void improve(SewMeshesReport& report);
   double sine_of(const Triangle& t) const;

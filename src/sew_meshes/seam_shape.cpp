@@ -28,7 +28,7 @@ bool Seam::replace(const std::vector<std::uint32_t>& old, const std::vector<Tria
   for (const std::uint32_t t : old) mesh_.remove(t);
   std::vector<std::uint32_t> added;
   for (const Triangle& t : wanted) {
-    if (!is_valid(t, rule)) {
+    if (!check_.is_valid(t, rule)) {
       for (const std::uint32_t id : added) mesh_.remove(id);
       for (const std::uint32_t id : old) mesh_.restore(id);
       return false;

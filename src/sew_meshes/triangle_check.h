@@ -3,7 +3,9 @@
 // Whether a new triangle may stand where it would stand.
 
 #include <cstdint>
+#include <functional>
 #include <span>
+#include <utility>
 
 #include "sew_meshes/box_forest.h"
 #include "sew_meshes/live_mesh.h"
@@ -27,7 +29,10 @@ class TriangleCheck {
   /// vertex_normals: of the surface, unit or zero; empty where no rule asks for facing.
   TriangleCheck(LiveMesh& mesh, std::span<const Eigen::Vector3f> vertex_normals, Context& context);
 
-  /// Half-edges free, no fold, shape and facing within the rule, and clear.
+  /// A further condition for is_valid, asked before the costly ones.
+  void set_condition(std::function<bool(const Triangle&)> condition) { condition_ = std::move(condition); }
+
+  /// Half-edges free, no fold, shape and facing within the rule, the further condition, and clear.
   bool is_valid(const Triangle& t, const TriangleRule& rule) const;
   /// Whether the triangle meets no living one, and none lies over it.
   bool is_clear(const Triangle& t, const TriangleRule& rule) const;
@@ -44,6 +49,7 @@ class TriangleCheck {
   LiveMesh& mesh_;
   std::span<const Eigen::Vector3f> normals_;
   BoxForest boxes_;
+  std::function<bool(const Triangle&)> condition_;
 };
 
 /// Do triangles of one mesh meet elsewhere than in shared vertices? Exact; pairs that share an edge do not.
