@@ -30,7 +30,7 @@ constexpr TriangleRule kLooseRule = {.smallest_sine = 1e-3, .fold_cosine = -0.95
 constexpr int kFirstLooseAttempt = 2;
 constexpr std::size_t kLargestLoose = 24;
 constexpr std::size_t kLargestCrack = 400;
-constexpr int kWidenings = 16;
+constexpr int kWidenings = 24;
 constexpr int kPinchWidenings = 2;
 
 }  // namespace
@@ -58,7 +58,7 @@ bool Seam::goes_on_beyond(const Edge& edge) const {
   const Eigen::Vector3f normal = mesh_.area_normal(mesh_.find(edge[0], edge[1])).stableNormalized().cast<float>();
   const float spacing = std::max((b - a).norm(), 0.5f * (merged_.spacing_m[edge[0]] + merged_.spacing_m[edge[1]]));
   const Eigen::Vector3f outward = (b - a).cross(normal).stableNormalized();
-  return is_surface_at(probes_, 0.5f * (a + b) + kBeyond * spacing * outward, normal, kCoverFactor * layer_m_, 0);
+  return is_surface_at(probes_, 0.5f * (a + b) + kBeyond * spacing * outward, normal, layer_m_, 0);
 }
 
 TriangleRule Seam::rule_of(int round) const {
@@ -239,18 +239,19 @@ void Seam::close(SewMeshesReport& report) {
   grow(report);
   close_loops(0, report);
   for (int attempt = 0; attempt < kWidenings; ++attempt) {
+    // A fan that touches another is first cut free and sewn again, later only cut free.
+    if (attempt >= kPinchWidenings) cut_loose_ends();
     std::vector<Loop> defects = find_cracks();
     if (attempt < kPinchWidenings)
       for (Loop& pinch : find_pinches()) defects.push_back(std::move(pinch));
-    // Ends of seams that hang on a single vertex go last; that may open a crack again.
-    if (defects.empty() && cut_loose_ends()) defects = find_cracks();
-    if (defects.empty()) break;
+    if (defects.empty() && attempt >= kPinchWidenings) break;
     report.defects_widened += defects.size();
     widen(defects, attempt, report);
     close_loops(attempt, report);
     grow(report);
     close_loops(attempt, report);
   }
+  cut_loose_ends();
   improve(report);
   for (const Loop& crack : find_cracks()) report.open_edges += crack.size();
 }
