@@ -30,7 +30,7 @@ constexpr TriangleRule kLooseRule = {.smallest_sine = 1e-3, .fold_cosine = -0.95
 constexpr int kFirstLooseAttempt = 2;
 constexpr std::size_t kLargestLoose = 24;
 constexpr std::size_t kLargestCrack = 400;
-constexpr int kWidenings = 24;
+constexpr int kWidenings = 7;
 constexpr int kPinchWidenings = 2;
 
 }  // namespace
