@@ -28,6 +28,8 @@ constexpr float kLead = 0.02f;
 constexpr float kGap = 0.5f;
 constexpr float kTrimFactor = 1.5f;  // × overlap distance, in the second look
 constexpr std::size_t kSamples = 20000;
+constexpr float kNearFactor = 2;  // × edge length, how far two that keep apart may still be one
+constexpr float kSpread = 0.25f;
 constexpr float kSearchFactor = 16;  // × edge length, how far meshes may lie apart and be noticed
 constexpr std::uint32_t kSmallestIsland = 40;
 constexpr int kTidyPasses = 12;
@@ -232,11 +234,14 @@ void measure_disagreement(const MergedMeshes& merged, const SurfaceProbes& probe
     }
   });
   std::erase_if(distances, [](float d) { return d < 0; });
-  if (!distances.empty()) {
-    const auto median = distances.begin() + std::ptrdiff_t(distances.size() / 2);
-    std::nth_element(distances.begin(), median, distances.end());
-    report.disagreement_m = double(*median);
-  }
+  std::sort(distances.begin(), distances.end());
+  const auto quantile = [&](double share) { return distances[std::size_t(share * double(distances.size() - 1))]; };
+  // One surface that two meshes show runs now above, now below: distances from zero on. Two that lie over each other
+  // keep apart; then only what is very near can be one surface.
+  if (!distances.empty() && quantile(0.5) > kNearFactor * merged.edge_length_m &&
+      quantile(0.1) > kSpread * quantile(0.5))
+    std::erase_if(distances, [&](float d) { return d > kNearFactor * merged.edge_length_m; });
+  if (!distances.empty()) report.disagreement_m = double(quantile(0.5));
   // Of distances that are spread evenly in all directions, four medians hold nearly all.
   report.overlap_distance_m = std::max(double(merged.edge_length_m), 4 * report.disagreement_m);
 }

@@ -16,6 +16,7 @@ constexpr float kReach[kRounds] = {1.6f, 2.5f, 4.0f, 6.0f, 6.0f};  // × spacing
 constexpr double kSmallestSine[kRounds] = {0.34, 0.25, 0.17, 0.09, 0.02};
 constexpr double kFoldCosine[kRounds] = {0.2, 0.0, -0.2, -0.4, -0.6};
 constexpr double kFacingCosine[kRounds] = {0.5, 0.35, 0.2, 0.1, 0.0};
+constexpr double kCornerCosine = -0.5;  // corners that face apart by more are on two sides of a sheet
 constexpr double kSlack[kRounds] = {0.03, 0.06, 0.1, 0.2, 0.3};
 // A seam goes where an input had a surface: within this many layers' distance, and up to this share of the spacing
 // beyond its border. Where there is none this far beyond an edge, the edge is a border like those of the inputs.
@@ -24,7 +25,8 @@ constexpr float kBesideBorder = 0.3f;
 constexpr float kBeyond = 0.3f;
 constexpr int kFirstFarRound = 2;  // from here on, disagreement adds to the reach
 // Loops are closed by what fits best; a fold sharper than this is worse than a crack.
-constexpr TriangleRule kLoopRule = {.smallest_sine = 0.003, .fold_cosine = -0.6, .facing_cosine = -0.3};
+constexpr TriangleRule kLoopRule = {
+    .smallest_sine = 0.003, .fold_cosine = -0.6, .facing_cosine = -0.3, .corner_cosine = kCornerCosine};
 // In a tangle of surfaces, where normals mean nothing, a small loop that withstood is closed by whatever meets nothing.
 constexpr TriangleRule kLooseRule = {.smallest_sine = 1e-3, .fold_cosine = -0.95};
 constexpr int kFirstLooseAttempt = 2;
@@ -65,6 +67,7 @@ TriangleRule Seam::rule_of(int round) const {
   return {.smallest_sine = kSmallestSine[round],
           .fold_cosine = kFoldCosine[round],
           .facing_cosine = kFacingCosine[round],
+          .corner_cosine = kCornerCosine,
           .layer_m = layer_m_,
           .slack = kSlack[round]};
 }

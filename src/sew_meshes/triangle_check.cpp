@@ -83,6 +83,9 @@ bool TriangleCheck::does_fit(const Triangle& t, const TriangleRule& rule) const 
     const Eigen::Vector3d other = mesh_.area_normal(across);
     if (normal.dot(other) < rule.fold_cosine * length * other.norm()) return false;
   }
+  if (rule.corner_cosine >= -1)
+    for (std::size_t k = 0; k < 3; ++k)
+      if (double(normals_[t[k]].dot(normals_[t[(k + 1) % 3]])) < rule.corner_cosine) return false;
   if (rule.facing_cosine < -1) return true;
   const Eigen::Vector3d around =
       (normals_[t[0]].cast<double>() + normals_[t[1]].cast<double>() + normals_[t[2]].cast<double>())

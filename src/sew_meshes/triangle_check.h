@@ -19,6 +19,7 @@ struct TriangleRule {
   double smallest_sine = 0;   ///< of its smallest angle
   double fold_cosine = -0.9;  ///< its normal against those of the triangles across its edges
   double facing_cosine = -2;  ///< its normal against the surface's at its corners; below −1: not asked
+  double corner_cosine = -2;  ///< the surface's normals at two of its corners; below: two sides of a sheet
   float layer_m = 0;  ///< a triangle that lies over or under it, nearer than this and facing alike, is in its way
   double slack = 0;   ///< but by this share of its own size they may overlap
 };
