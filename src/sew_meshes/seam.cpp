@@ -32,7 +32,9 @@ constexpr TriangleRule kLooseRule = {.smallest_sine = 1e-3, .fold_cosine = -0.95
 constexpr int kFirstLooseAttempt = 2;
 constexpr std::size_t kLargestLoose = 24;
 constexpr std::size_t kLargestCrack = 400;
-constexpr int kWidenings = 7;
+constexpr int kWidenings = 12;
+constexpr int kFirstTangleAttempt = 3;
+constexpr float kTangleReach = 2;  // × spacing
 constexpr int kPinchWidenings = 2;
 
 }  // namespace
@@ -188,23 +190,38 @@ void Seam::close_loops(int attempt, SewMeshesReport& report) {
   }
 }
 
+/// Triangles near a loop that run through others: nothing can be sewn to them without meeting what they run through.
+std::vector<std::uint32_t> Seam::find_tangle(const Loop& crack) const {
+  Box box;
+  float spacing = 0;
+  for (const std::uint32_t v : crack) {
+    box.extend(mesh_.position(v));
+    spacing = std::max(spacing, merged_.spacing_m[v]);
+  }
+  box.low.array() -= kTangleReach * spacing;
+  box.high.array() += kTangleReach * spacing;
+  std::vector<std::uint32_t> tangle;
+  for (const std::uint32_t t : check_.find_near(box))
+    if (!check_.is_clear(mesh_.triangle(t), {})) tangle.push_back(t);
+  return tangle;
+}
+
 void Seam::widen(const std::vector<Loop>& cracks, int attempt, SewMeshesReport& report) {
-  // First what sewing made goes, then rings of what was measured.
-  std::vector<std::uint32_t> vertices;
-  for (const Loop& loop : cracks) vertices.insert(vertices.end(), loop.begin(), loop.end());
-  for (int ring = 0; ring < 1 + attempt / 8; ++ring) {
-    std::vector<std::uint32_t> doomed;
-    for (const std::uint32_t v : vertices)
+  // First what sewing made goes, then a ring of what was measured, then what is tangled.
+  std::vector<std::uint32_t> doomed;
+  for (const Loop& loop : cracks) {
+    for (const std::uint32_t v : loop)
       mesh_.for_each_around(v, [&](std::uint32_t t) {
         if (attempt > 0 || mesh_.tag(t) == TriangleTag::kSeam) doomed.push_back(t);
       });
-    std::sort(doomed.begin(), doomed.end());
-    doomed.erase(std::unique(doomed.begin(), doomed.end()), doomed.end());
-    for (const std::uint32_t t : doomed) {
-      for (const std::uint32_t v : mesh_.triangle(t)) vertices.push_back(v);
-      report.removed_to_repair += mesh_.tag(t) != TriangleTag::kSeam;
-      mesh_.remove(t);
-    }
+    if (attempt < kFirstTangleAttempt) continue;
+    const std::vector<std::uint32_t> tangle = find_tangle(loop);
+    doomed.insert(doomed.end(), tangle.begin(), tangle.end());
+  }
+  for (const std::uint32_t t : doomed) {
+    if (!mesh_.is_alive(t)) continue;
+    report.removed_to_repair += mesh_.tag(t) != TriangleTag::kSeam;
+    mesh_.remove(t);
   }
 }
 

@@ -46,6 +46,7 @@ class Seam {
   std::vector<Loop> find_cracks() const;
   std::vector<Loop> find_pinches() const;  // loops of one vertex, in which several fans touch
   bool cut_loose_ends();
+  std::vector<std::uint32_t> find_tangle(const Loop& crack) const;
   void widen(const std::vector<Loop>& cracks, int attempt, SewMeshesReport& report);
   void improve(SewMeshesReport& report);
   double sine_of(const Triangle& t) const;

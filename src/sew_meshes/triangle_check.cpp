@@ -127,6 +127,16 @@ bool TriangleCheck::is_clear(const Triangle& t, const TriangleRule& rule) const 
   });
 }
 
+std::vector<std::uint32_t> TriangleCheck::find_near(const Box& box) const {
+  std::vector<std::uint32_t> near;
+  boxes_.find(box, [&](std::uint32_t id) {
+    if (mesh_.is_alive(id)) near.push_back(id);
+    return false;
+  });
+  std::sort(near.begin(), near.end());
+  return near;
+}
+
 std::uint32_t TriangleCheck::add(const Triangle& t, TriangleTag tag) {
   const std::uint32_t id = mesh_.add(t, tag);
   boxes_.add({box_of(mesh_, t), id});

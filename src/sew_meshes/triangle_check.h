@@ -6,6 +6,7 @@
 #include <functional>
 #include <span>
 #include <utility>
+#include <vector>
 
 #include "sew_meshes/box_forest.h"
 #include "sew_meshes/live_mesh.h"
@@ -39,6 +40,8 @@ class TriangleCheck {
   bool is_clear(const Triangle& t, const TriangleRule& rule) const;
   /// Whether the triangle fits its edges: free half-edges, area, shape, folds, facing.
   bool does_fit(const Triangle& t, const TriangleRule& rule) const;
+  /// Living triangles whose boxes overlap the box.
+  std::vector<std::uint32_t> find_near(const Box& box) const;
   /// Adds a triangle to the mesh and to what is searched.
   std::uint32_t add(const Triangle& t, TriangleTag tag);
 
