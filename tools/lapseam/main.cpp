@@ -28,6 +28,7 @@ Examples, in the order of the work:
   lapseam manifest frames/ -o scene.json               writes any readable scene as a manifest, to be edited
   lapseam info room/scene.json                         what is there, and is it usable?
   lapseam integrate room/scene.json -o room.glb        all views into one mesh (.ply, .glb or .obj)
+  lapseam sew a.ply b.ply c.ply -o joined.ply          overlapping meshes into one, without range images
   lapseam render room.glb -o room.png --orbit 30,40    a picture of it
   lapseam evaluate room.ply room/truth/mesh.ply --views room/truth/scene.json
 
