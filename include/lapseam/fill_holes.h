@@ -23,12 +23,13 @@ struct FillHolesReport {
   std::uint64_t triangles = 0;  ///< added
 };
 
-/// A hole is an outline that the surface lies around; one that lies around the surface (the rim of a sheet) is left.
-/// Closes holes with triangles tagged kFilled; no vertex is made or moved. A filling meets no other triangle (exact)
-/// and keeps the mesh edge-manifold and oriented; a hole that has no such filling stays open. Outlines of up to 128
-/// edges get the flattest of all fillings, then the smallest (Liepa 2003); longer ones lose their sharpest corners
-/// first (Zhao, Gao, Lin 2007). Cost: about n³/10 ns for n edges, below 0.1 s at 128. Deterministic. Throws
-/// InvalidInput as check_mesh does, and when two triangles run through an edge in the same direction; Cancelled.
+/// Closes holes with triangles tagged kFilled; no vertex is made or moved. A hole is an outline that the surface lies
+/// around; one that lies around the surface (the rim of a sheet) is left. A filling meets no other triangle (exact) and
+/// keeps the mesh edge-manifold and oriented; a hole that has no such filling stays open, with a warning. Outlines of
+/// up to 128 edges get the flattest of all fillings, then the smallest (Liepa 2003); longer ones lose their sharpest
+/// corners first (Zhao, Gao, Lin 2007). A hole of 128 edges takes some 10 ms, a few dozen times that where the first
+/// fillings meet something. Deterministic. Throws InvalidInput as check_mesh does, when largest_m is not a number, and
+/// when two triangles run through an edge in the same direction; Cancelled.
 FillHolesReport fill_holes(Mesh& mesh, const FillHolesOptions& options, Context& context);
 
 /// One JSON object.

@@ -2,9 +2,11 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
+#include <unordered_map>
 
-#include "health/predicates.h"
+#include "core/disjoint_sets.h"
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "sew_meshes/loops.h"
@@ -54,6 +56,26 @@ bool is_rim(const LiveMesh& mesh, const Loop& loop) {
   return area.dot(normal) > kRimCosine * area.norm() * length;
 }
 
+/// The longest loop of each piece of surface: only that can be its rim. A small one that looks like a rim is a fold.
+std::vector<std::uint8_t> find_longest_loops(const LiveMesh& mesh, const std::vector<Loop>& loops) {
+  DisjointSets pieces(mesh.vertex_count());
+  for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t) {
+    pieces.unite(mesh.triangle(t)[0], mesh.triangle(t)[1]);
+    pieces.unite(mesh.triangle(t)[0], mesh.triangle(t)[2]);
+  }
+  std::unordered_map<std::uint32_t, std::pair<float, std::size_t>> longest;
+  for (std::size_t i = 0; i < loops.size(); ++i) {
+    float length = 0;
+    for (std::size_t k = 0; k < loops[i].size(); ++k)
+      length += (mesh.position(loops[i][k]) - mesh.position(loops[i][(k + 1) % loops[i].size()])).norm();
+    auto& best = longest.try_emplace(pieces.find(loops[i][0]), -1.0f, 0u).first->second;
+    if (length > best.first) best = {length, i};
+  }
+  std::vector<std::uint8_t> is_longest(loops.size(), 0);
+  for (const auto& [piece, best] : longest) is_longest[best.second] = 1;
+  return is_longest;
+}
+
 /// The largest distance between two vertices; exact up to a thousand, beyond that between every few.
 double width_of(const LiveMesh& mesh, const Loop& loop) {
   const std::size_t step = 1 + loop.size() / 1000;
@@ -70,13 +92,17 @@ FillHolesReport fill_holes(Mesh& mesh, const FillHolesOptions& options, Context&
   FillHolesReport report;
   check_mesh(mesh);
   check_edges(mesh);
+  if (std::isnan(options.largest_m)) throw InvalidInput({}, {}, "largest_m", "is not a number");
   if (!(options.largest_m > 0) || mesh.triangles.empty()) return report;
   StageScope stage(context, "fill holes");
   if (mesh.triangle_tag.empty()) mesh.triangle_tag.assign(mesh.triangle_count(), TriangleTag::kMeasured);
   LiveMesh live(mesh);
   const std::size_t given = live.triangle_count();
   std::vector<Loop> holes = trace_loops(live, open_edges(live));
-  std::erase_if(holes, [&](const Loop& loop) { return is_rim(live, loop); });
+  const std::vector<std::uint8_t> is_longest = find_longest_loops(live, holes);
+  for (std::size_t i = 0; i < holes.size(); ++i)
+    if (is_longest[i] && is_rim(live, holes[i])) holes[i].clear();
+  std::erase_if(holes, [](const Loop& loop) { return loop.empty(); });
   report.holes = holes.size();
   std::erase_if(holes, [&](const Loop& loop) { return width_of(live, loop) > options.largest_m; });
   report.holes_in_size = holes.size();

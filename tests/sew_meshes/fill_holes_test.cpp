@@ -81,6 +81,20 @@ TEST(FillHoles, RimOfASheetIsNoHole) {
   EXPECT_NEAR(health.area_m2, 1.44, 1e-4);
 }
 
+TEST(FillHoles, HoleUnderAFoldIsAHole) {
+  Context context(1);
+  Mesh mesh = grid(8, 8, 0.1f, {0, 0, 0});
+  // The neighbours of a missing triangle are turned back over it: their normals say "rim".
+  const std::size_t missing = 2 * (4 * 8 + 4);
+  const Triangle gone = mesh.triangles[missing];
+  std::vector<std::uint8_t> keep(mesh.triangle_count(), 1);
+  keep[missing] = 0;
+  mesh = compact(mesh, keep);
+  mesh.positions_m[gone[0]] += Eigen::Vector3f(0.17f, 0.12f, 0.02f);
+  const FillHolesReport report = fill_holes(mesh, {.largest_m = 0.5}, context);
+  EXPECT_EQ(report.holes, 1u);
+}
+
 TEST(FillHoles, WhatStandsInTheHoleIsNotRunThrough) {
   Context context(1);
   const Mesh plate = cut_out(grid(12, 12, 0.1f, {0, 0, 0}),
