@@ -18,7 +18,7 @@ import zlib
 from pathlib import Path
 
 TOOL = os.environ.get("LAPSEAM_TOOL", "build/release/lapseam")
-COMMANDS = ["simulate", "manifest", "info", "integrate", "reduce", "render", "evaluate"]
+COMMANDS = ["simulate", "manifest", "info", "integrate", "sew", "reduce", "render", "evaluate"]
 
 
 def run(*arguments, environment=None, **options):
@@ -434,6 +434,57 @@ class BadInput(ToolTest):
         result = self.expect_ok("info", scene)
         line = next((l for l in result.stdout.splitlines() if "v1" in l), "")
         self.assertIn("no valid", result.stdout.lower() + result.stderr.lower(), line)
+
+
+def write_bowl(path, begin, end, hole=False, height=0.0):
+    """A shallow bowl over [begin, end] x [0, 1], squares of 0.05; a hole of four squares in the middle if asked."""
+    columns, rows = round((end - begin) / 0.05), 20
+    points = [(begin + 0.05 * i, 0.05 * j) for j in range(rows + 1) for i in range(columns + 1)]
+    faces = []
+    for j in range(rows):
+        for i in range(columns):
+            if hole and abs(i - columns // 2 + 0.5) < 1 and abs(j - rows // 2 + 0.5) < 1:
+                continue
+            a, b = j * (columns + 1) + i, (j + 1) * (columns + 1) + i
+            faces += [(a, a + 1, b + 1), (a, b + 1, b)]
+    lines = ["ply", "format ascii 1.0", f"element vertex {len(points)}", "property float x", "property float y",
+             "property float z", f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+    lines += [f"{x:.6f} {y:.6f} {0.1 * (x * x + y * y) + height:.6f}" for x, y in points]
+    lines += [f"3 {a} {b} {c}" for a, b, c in faces]
+    path.write_text("\n".join(lines) + "\n")
+
+
+class Sew(ToolTest):
+    def test_joins_and_reports(self):
+        for i, (begin, end) in enumerate([(0, 1), (0.82, 1.82), (1.63, 2.63)]):
+            write_bowl(self.folder / f"{i}.ply", begin, end, hole=i == 0, height=0.002 * i)
+        inputs = [self.folder / f"{i}.ply" for i in range(3)]
+        out, report = self.folder / "out.ply", self.folder / "report.json"
+        result = run("sew", *inputs, "-o", out, "--report", report)
+        self.assertEqual(result.returncode, 0, result.stderr)
+        figures = json.loads(report.read_text())
+        self.assertEqual(len(figures["sew"]["meshes"]), 3)
+        self.assertGreater(figures["sew"]["seam_triangles"], 20)
+        self.assertEqual(figures["sew"]["open_edges"], 0)
+        self.assertEqual(figures["health"]["components"], 1)
+        self.assertEqual(figures["health"]["boundary_loops"], 2)
+        self.assertEqual(figures["health"]["self_intersecting_triangles"], 0)
+        filled = run("sew", *inputs, "-o", out, "--report", report, "--fill-holes", 0.2)
+        self.assertEqual(filled.returncode, 0, filled.stderr)
+        figures = json.loads(report.read_text())
+        self.assertEqual(figures["fill_holes"]["holes_filled"], 1)
+        self.assertEqual(figures["health"]["boundary_loops"], 1)
+
+    def test_bad_inputs_are_named(self):
+        write_bowl(self.folder / "good.ply", 0, 1)
+        empty = self.folder / "empty.ply"
+        empty.write_text("ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\n"
+                         "property float z\nelement face 0\nproperty list uchar int vertex_indices\nend_header\n")
+        for bad in [empty, self.folder / "missing.ply"]:
+            result = run("sew", self.folder / "good.ply", bad, "-o", self.folder / "out.ply")
+            self.assertEqual(result.returncode, 1)
+            self.assertIn(bad.name, result.stderr)
+            self.assertFalse((self.folder / "out.ply").exists())
 
 
 class Instruments(ToolTest):

@@ -1,0 +1,125 @@
+// Better triangles in the seam, without new vertices: edges are turned, and short ones are taken out.
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "lapseam/context.h"
+#include "sew_meshes/seam.h"
+
+namespace lapseam {
+namespace {
+
+constexpr int kPasses = 8;
+constexpr double kGain = 1e-3;     // of the smaller sine, so that flips end
+constexpr double kSliver = 0.259;  // sine of 15°
+constexpr double kFlatCosine = 0.5;
+constexpr TriangleRule kRule = {.fold_cosine = 0.0, .facing_cosine = 0.0};
+
+}  // namespace
+
+double Seam::sine_of(const Triangle& t) const {
+  return smallest_sine(mesh_.position(t[0]), mesh_.position(t[1]), mesh_.position(t[2]));
+}
+
+/// All or nothing.
+bool Seam::replace(const std::vector<std::uint32_t>& old, const std::vector<Triangle>& wanted,
+                   const TriangleRule& rule) {
+  for (const std::uint32_t t : old) mesh_.remove(t);
+  std::vector<std::uint32_t> added;
+  for (const Triangle& t : wanted) {
+    if (!check_.is_valid(t, rule)) {
+      for (const std::uint32_t id : added) mesh_.remove(id);
+      for (const std::uint32_t id : old) mesh_.restore(id);
+      return false;
+    }
+    added.push_back(check_.add(t, TriangleTag::kSeam));
+  }
+  return true;
+}
+
+/// Turns the edge between two seam triangles if their worse one gets better by it. With a measured triangle on one
+/// side, only if a sliver goes and none comes.
+bool Seam::flip(std::uint32_t a, std::uint32_t b) {
+  const std::uint32_t left = mesh_.find(a, b), right = mesh_.find(b, a);
+  if (left == kInvalidIndex || right == kInvalidIndex) return false;
+  const std::uint32_t c = mesh_.apex(left, a, b), d = mesh_.apex(right, a, b);
+  if (mesh_.find(c, d) != kInvalidIndex || mesh_.find(d, c) != kInvalidIndex) return false;
+  const Triangle first = {a, d, c}, second = {d, b, c};
+  const double before = std::min(sine_of(mesh_.triangle(left)), sine_of(mesh_.triangle(right)));
+  const double after = std::min(sine_of(first), sine_of(second));
+  const bool is_all_seam = mesh_.tag(left) == TriangleTag::kSeam && mesh_.tag(right) == TriangleTag::kSeam;
+  if (is_all_seam ? after < before + kGain : before > kSliver || after < kSliver) return false;
+  const Eigen::Vector3d n = mesh_.area_normal(first), m = mesh_.area_normal(second);
+  if (n.dot(m) < kFlatCosine * n.norm() * m.norm()) return false;
+  return replace({left, right}, {first, second}, kRule);
+}
+
+/// Moves the corners of all triangles at `from` to `to`, if fewer slivers are left in the seam by it.
+bool Seam::collapse(std::uint32_t from, std::uint32_t to) {
+  if (mesh_.is_on_border(from)) return false;
+  std::vector<std::uint32_t> old;
+  mesh_.for_each_around(from, [&](std::uint32_t t) { old.push_back(t); });
+  std::sort(old.begin(), old.end());
+  std::vector<Triangle> wanted;
+  std::size_t before = 0, after = 0;
+  double worst_before = 1, worst_after = 1;
+  for (const std::uint32_t t : old) {
+    Triangle c = mesh_.triangle(t);
+    before += mesh_.tag(t) == TriangleTag::kSeam && sine_of(c) < kSliver;
+    worst_before = std::min(worst_before, sine_of(c));
+    if (c[0] == to || c[1] == to || c[2] == to) continue;
+    const Eigen::Vector3d normal = mesh_.area_normal(c);
+    std::replace(c.begin(), c.end(), from, to);
+    const Eigen::Vector3d moved = mesh_.area_normal(c);
+    if (!(moved.dot(normal) > kFlatCosine * moved.norm() * normal.norm())) return false;
+    after += sine_of(c) < kSliver;
+    worst_after = std::min(worst_after, sine_of(c));
+    wanted.push_back(c);
+  }
+  // Two triangles go; if more did, the vertices are joined by more than an edge.
+  if (old.size() != wanted.size() + 2 || after >= before || worst_after < worst_before) return false;
+  return replace(old, wanted, kRule);
+}
+
+std::uint64_t Seam::flip_edges() {
+  std::uint64_t flips = 0;
+  const auto end = std::uint32_t(mesh_.triangle_count());
+  for (std::uint32_t t = first_seam_; t < end; ++t) {
+    if (!mesh_.is_alive(t) || mesh_.tag(t) != TriangleTag::kSeam) continue;
+    const Triangle c = mesh_.triangle(t);
+    for (std::size_t k = 0; k < 3 && mesh_.is_alive(t); ++k) flips += flip(c[k], c[(k + 1) % 3]);
+  }
+  return flips;
+}
+
+std::uint64_t Seam::collapse_needles() {
+  std::uint64_t collapses = 0;
+  const auto end = std::uint32_t(mesh_.triangle_count());
+  for (std::uint32_t t = first_seam_; t < end; ++t) {
+    if (!mesh_.is_alive(t) || mesh_.tag(t) != TriangleTag::kSeam) continue;
+    const Triangle c = mesh_.triangle(t);
+    if (sine_of(c) >= kSliver) continue;
+    std::size_t shortest = 0;
+    double length = 3e38;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double side = double((mesh_.position(c[k]) - mesh_.position(c[(k + 1) % 3])).norm());
+      if (side < length) length = side, shortest = k;
+    }
+    const std::uint32_t a = c[shortest], b = c[(shortest + 1) % 3];
+    collapses += collapse(a, b) || collapse(b, a);
+  }
+  return collapses;
+}
+
+void Seam::improve(SewMeshesReport& report) {
+  for (int pass = 0; pass < kPasses; ++pass) {
+    context_.throw_if_cancelled();
+    const std::uint64_t flips = flip_edges(), collapses = collapse_needles();
+    report.flips += flips;
+    report.collapses += collapses;
+    if (flips + collapses == 0) break;
+  }
+}
+
+}  // namespace lapseam
