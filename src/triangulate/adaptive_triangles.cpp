@@ -113,7 +113,7 @@ class Network {
       triangles_.push_back({index(t.a), index(t.b), index(t.c)});
       return;
     }
-    if (!is_in(m) && !is_in(t.a) && !is_in(t.b) && !is_in(t.c)) return;
+    if (!is_in({std::min({t.a.u, t.b.u, t.c.u}), std::min({t.a.v, t.b.v, t.c.v})})) return;
     emit(t.first());
     emit(t.second());
   }
