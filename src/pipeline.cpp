@@ -31,6 +31,7 @@ class Integration {
     prepare_patches();
     zip();
     clean();
+    finish();
     color();
     {
       StageScope stage(context_, "health");
@@ -166,7 +167,7 @@ class Integration {
     {
       StageScope stage(context_, "overlap");
       std::vector<ClaimCounts> counts(patches_.size());
-      claims = claim_samples(patches_, {overlap_, options_.smallest_island}, counts, context_);
+      claims = claim_samples(patches_, overlap_, counts, context_);
       for (std::size_t i = 0; i < patches_.size(); ++i) result_.report.views[i].claims = counts[i];
     }
     StageScope stage(context_, "sew", (2 + kMendings) * patches_.size());
@@ -209,6 +210,19 @@ class Integration {
     for (std::uint32_t& view : mesh.vertex_view) view = source_index_[view];
     patches_.clear();
     patches_.shrink_to_fit();
+  }
+
+  void finish() {
+    Mesh& mesh = result_.mesh;
+    if (options_.fill_holes.largest_m > 0) {
+      StageScope stage(context_, "fill holes");
+      result_.report.fill_holes = fill_holes(mesh, options_.fill_holes, context_);
+    }
+    const ReduceOptions& limits = options_.reduce;
+    if (limits.max_error_m > 0 || limits.max_triangles > 0) {
+      result_.report.triangles_before_reduction = mesh.triangle_count();
+      mesh = reduce(mesh, {}, limits, context_).mesh;
+    }
   }
 
   void color() {

@@ -7,15 +7,15 @@
 #include <string>
 #include <vector>
 
+#include "lapseam/fill_holes.h"
 #include "lapseam/health.h"
 #include "lapseam/mesh.h"
-#include "lapseam/claims.h"
 #include "lapseam/overlap.h"
+#include "lapseam/reduce.h"
 #include "lapseam/sew.h"
 #include "lapseam/smooth.h"
 #include "lapseam/texture.h"
 #include "lapseam/view.h"
-#include "lapseam/zipper.h"
 
 namespace lapseam {
 
@@ -30,15 +30,16 @@ enum class ColorOutput {
 struct IntegrateOptions {
   SmoothOptions smooth{};
   OverlapOptions overlap{};  ///< its registration error is estimated when left at 0
-  SewOptions sew{};
+  /// Holes that nobody measured are closed up to this size; by default they stay open.
+  FillHolesOptions fill_holes{};
+  /// The finished mesh is reduced when one of the limits is set. Views enter it reduced within their noise in any case.
+  ReduceOptions reduce{};
   AtlasOptions atlas{};
   ColorOutput color = ColorOutput::kAtlas;
   /// Leave out every Nth view, from the first; 0: none. For measuring against views that were not used.
   int hold_out = 0;
   /// Leave out views that cannot be loaded, with a warning, instead of failing.
   bool skip_bad_views = false;
-  /// Pieces of a view smaller than this that overlap removal cut out are given to the seam between their neighbours.
-  std::uint64_t smallest_island = 100;
   /// Connected pieces of fewer triangles are dropped: noise, not surface.
   std::uint64_t smallest_component = 20;
   /// Count self-intersecting triangles in the report; exact, and about as slow as the sewing.
@@ -74,6 +75,8 @@ struct IntegrateReport {
   std::uint64_t self_intersecting_triangles_removed = 0;  ///< over all rounds of mending
   std::uint64_t pinched_vertices_split = 0;
   std::uint64_t triangles_in_small_components = 0;
+  FillHolesReport fill_holes;
+  std::uint64_t triangles_before_reduction = 0;  ///< 0 when nothing was to be reduced
   AtlasReport atlas;
   MeshHealth health;
 };

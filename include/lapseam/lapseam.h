@@ -7,7 +7,6 @@
 #include "lapseam/error.h"
 #include "lapseam/evaluate.h"
 #include "lapseam/evaluate_views.h"
-#include "lapseam/extract.h"
 #include "lapseam/fill_holes.h"
 #include "lapseam/health.h"
 #include "lapseam/image.h"

@@ -1,44 +1,55 @@
 #pragma once
 
-// Closing the gaps between patches. After Sun, Dumont, Abidi 2000, §2.3.
+// One mesh from all views. The model grows view by view: in the image plane of each view, what it adds and the border
+// of what is already there are triangulated together, so that nothing overlaps and no gap stays. After Turk & Levoy
+// 1994, §4 (clipping one border against the other), and Sun, Dumont, Abidi 2000, §2.3.
 
 #include <cstdint>
-#include <functional>
+#include <memory>
 #include <span>
+#include <vector>
 
-#include "lapseam/extract.h"
 #include "lapseam/mesh.h"
+#include "lapseam/overlap.h"
+#include "lapseam/patch.h"
 
 namespace lapseam {
 
 class Context;
 
-struct SewOptions {
-  /// A seam edge may be this many times as long as the sample spacing at its ends (the larger counts).
-  double reach_factor = 4.0;
-  /// How far patches may lie apart because views disagree (estimate_registration_error), metres: later rounds reach this
-  /// much farther, so that a step between two patches of one surface is still bridged.
-  double registration_error_m = 0;
-  /// Loops that the front leaves open are closed up to this many edges.
-  int largest_loop = 32;
-  /// Says whether a triangle would stand in space that a view measured as empty; such seams are not made. Corners are
-  /// vertices of the mesh. Empty: no check. Called from several threads at once.
-  std::function<bool(const Mesh&, const Triangle&)> is_seen_through{};
+struct ZipperReport {
+  std::uint64_t measured_triangles = 0;  ///< taken over from the views as they are
+  std::uint64_t seam_triangles = 0;      ///< made between views
+  std::uint64_t open_edges = 0;          ///< of the model, at the end
 };
 
-struct SewReport {
-  std::uint64_t active_edges = 0;     ///< at the start
-  std::uint64_t front_triangles = 0;  ///< added edge by edge
-  std::uint64_t loop_triangles = 0;   ///< added to close what the front left open
-  std::uint64_t open_edges = 0;       ///< active edges that found no valid triangle
-};
+/// Grows a mesh from patches. No two triangles that one view can see overlap in its image; every edge has at most two
+/// triangles, in opposite directions; new triangles face the view that added them.
+class Zipper {
+ public:
+  /// The patches must outlive the zipper.
+  Zipper(std::span<const Patch> patches, const OverlapOptions& options);
+  ~Zipper();
 
-/// Adds seam triangles (tag kSeam) to the mesh until no active edge finds a valid partner. An edge looks for boundary
-/// vertices near by; a candidate is valid if its triangle keeps the mesh edge-manifold and oriented, crosses no
-/// boundary, contains no vertex, faces the same way as its surroundings and does not stand in space seen as empty; of
-/// the valid ones the one that sees the edge under the largest angle wins. New edges are active in turn. No vertex is
-/// made or moved. Deterministic: candidates are taken by angle, then by index. Cost: about 10 µs per active edge.
-SewReport sew(Mesh& mesh, std::span<const BoundaryEdge> active_edges, const SewOptions& options, Context& context);
+  /// Adds the samples of patch `index` for which wanted is not 0 (one per pixel) wherever the model does not cover
+  /// them, and closes what gaps between them and the model, and within the model, the view measured as surface. May be
+  /// called again for the same view.
+  void add(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context);
+
+  /// Takes out of the model every triangle for which doomed is not 0; mend() closes what that leaves open.
+  void remove(const std::vector<std::uint8_t>& doomed, Context& context);
+  /// As add, but only around triangles that the last remove() took. Does nothing for a view that sees none of them.
+  void mend(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context);
+
+  const Mesh& mesh() const;
+  ZipperReport report() const;
+  /// The mesh with provenance; the zipper is empty afterwards.
+  Mesh take();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 /// Gives each fan of a vertex where several fans touch its own copy. Returns the number of copies made.
 std::uint64_t split_pinched_vertices(Mesh& mesh);

@@ -1,6 +1,6 @@
 // Based on: Y. Sun, C. Dumont, M. Abidi, Mesh-based Integration of Range and Color Images, 2000, §2.2.
 
-#include "lapseam/claims.h"
+#include "lapseam/overlap.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,12 +15,12 @@ namespace {
 constexpr float kRegistrationFactor = 2.0f;  // twice the median disagreement covers most of it
 // Surfaces this many tolerances apart are still one that the views disagree about: one of them must yield.
 constexpr float kDisagreement = 2.0f;
-constexpr float kClearanceFactor = 2.0f;     // to be empty, space must be clearer than to be the same surface
-constexpr float kLowestCosine = 0.15f;       // 81°: beyond, a range says nothing about a normal distance
+constexpr float kClearanceFactor = 2.0f;  // to be empty, space must be clearer than to be the same surface
+constexpr float kLowestCosine = 0.15f;    // 81°: beyond, a range says nothing about a normal distance
 // Range images are smoothed: measurements of one spot differ by much less than the noise of a single sample. What
 // differs by more than this share of it does so because a view blurs an edge, and would blur the mean.
 constexpr float kConsensusGate = 0.5f;
-constexpr float kSameSide = 0.7f;            // views this much alike in direction see the same side of a sheet
+constexpr float kSameSide = 0.7f;  // views this much alike in direction see the same side of a sheet
 
 std::uint8_t code(Claim claim) { return static_cast<std::uint8_t>(claim); }
 
@@ -115,12 +115,14 @@ class TileClaims {
       if (std::abs(behind) <= kDisagreement * along_normal / cosine + slack) {
         if (!is_same_side(judge, u, v, i)) continue;
         // Both errors are taken along the normal, where they mean the same for both views.
-        if (is_smooth && std::abs(behind) * cosine <= kConsensusGate * std::sqrt(own * own + error * error + systematic)) {
+        if (is_smooth &&
+            std::abs(behind) * cosine <= kConsensusGate * std::sqrt(own * own + error * error + systematic)) {
           const float weight = 1 / (own * own + systematic);
           sum += weight;
           weighted += weight * behind * cosine;
         }
-        if (other_confidence > confidence || (other_confidence == confidence && judge.wins_ties)) claim = Claim::kYields;
+        if (other_confidence > confidence || (other_confidence == confidence && judge.wins_ties))
+          claim = Claim::kYields;
       } else if (options_.remove_seen_through && behind > 0 &&
                  is_seen_through(other, x, y, at.r, kClearanceFactor * along_normal)) {
         return Claim::kPhantom;
@@ -218,7 +220,7 @@ std::uint64_t give_islands(const PatchGrid& grid, Image<std::uint8_t>& claims, C
 
 }  // namespace
 
-std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const ClaimOptions& options,
+std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const OverlapOptions& options,
                                                std::span<ClaimCounts> counts, Context& context) {
   std::vector<ViewCone> cones(patches.size());
   std::vector<std::vector<PatchTile>> tiles(patches.size());
@@ -245,10 +247,11 @@ std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const C
       Judge judge = make_judge(patches[j], patches[i]);
       if (cones[j].can_see(judge.R * tile.center_in_view + judge.t, tile.radius_m)) judges.push_back(judge);
     }
-    TileClaims(patches[i], options.overlap, claims[i], shifts[i]).run(tile, judges);
+    TileClaims(patches[i], options, claims[i], shifts[i]).run(tile, judges);
   });
   parallel_for(context, patches.size(), 1, [&](std::size_t i) {
-    for (std::size_t k = 0; k < shifts[i].size(); ++k) patches[i].view.range.pixels[k] += shifts[i].pixels[k];
+    for (std::size_t k = 0; options.consensus && k < shifts[i].size(); ++k)
+      patches[i].view.range.pixels[k] += shifts[i].pixels[k];
     ClaimCounts sum;
     sum.islands += give_islands(patches[i].grid, claims[i], Claim::kBest, Claim::kYields, options.smallest_island);
     sum.islands += give_islands(patches[i].grid, claims[i], Claim::kYields, Claim::kBest, options.smallest_island);

@@ -26,8 +26,8 @@ template <typename Int>
 bool is_in_circle_as(std::int64_t ax, std::int64_t ay, std::int64_t bx, std::int64_t by, std::int64_t cx,
                      std::int64_t cy) {
   const Int a2 = Int(ax) * ax + Int(ay) * ay, b2 = Int(bx) * bx + Int(by) * by, c2 = Int(cx) * cx + Int(cy) * cy;
-  const Int det = Int(ax) * (Int(by) * c2 - b2 * cy) - Int(ay) * (Int(bx) * c2 - b2 * cx) +
-                  a2 * (Int(bx) * cy - Int(by) * cx);
+  const Int det =
+      Int(ax) * (Int(by) * c2 - b2 * cy) - Int(ay) * (Int(bx) * c2 - b2 * cx) + a2 * (Int(bx) * cy - Int(by) * cx);
   return det > 0;
 }
 
@@ -35,8 +35,8 @@ bool is_in_circle_as(std::int64_t ax, std::int64_t ay, std::int64_t bx, std::int
 bool is_in_circle(const GridPoint& a, const GridPoint& b, const GridPoint& c, const GridPoint& d) {
   const std::int64_t ax = std::int64_t(a.x) - d.x, ay = std::int64_t(a.y) - d.y, bx = std::int64_t(b.x) - d.x,
                      by = std::int64_t(b.y) - d.y, cx = std::int64_t(c.x) - d.x, cy = std::int64_t(c.y) - d.y;
-  const std::int64_t largest = std::max({std::abs(ax), std::abs(ay), std::abs(bx), std::abs(by), std::abs(cx),
-                                         std::abs(cy)});
+  const std::int64_t largest =
+      std::max({std::abs(ax), std::abs(ay), std::abs(bx), std::abs(by), std::abs(cx), std::abs(cy)});
   return largest < (1 << 14) ? is_in_circle_as<std::int64_t>(ax, ay, bx, by, cx, cy)
                              : is_in_circle_as<Int128>(ax, ay, bx, by, cx, cy);
 }
@@ -94,8 +94,7 @@ void PlanarTriangulation::set_face(std::uint32_t f, std::array<std::uint32_t, 3>
   Face& face = faces_[f];
   face.corner = corner;
   face.neighbor = neighbor;
-  face.constrained =
-      std::uint8_t(int(constrained[0]) | (int(constrained[1]) << 1) | (int(constrained[2]) << 2));
+  face.constrained = std::uint8_t(int(constrained[0]) | (int(constrained[1]) << 1) | (int(constrained[2]) << 2));
   for (const std::uint32_t c : corner) face_of_[c] = f;
 }
 
@@ -219,8 +218,7 @@ bool PlanarTriangulation::should_swap(std::uint32_t f, int k) const {
   const std::uint32_t g = x.neighbor[std::size_t(k)];
   std::size_t j = 0;
   while (faces_[g].neighbor[j] != f) ++j;
-  return is_in_circle(points_[x.corner[0]], points_[x.corner[1]], points_[x.corner[2]],
-                      points_[faces_[g].corner[j]]);
+  return is_in_circle(points_[x.corner[0]], points_[x.corner[1]], points_[x.corner[2]], points_[faces_[g].corner[j]]);
 }
 
 // Every face on the stack has p as corner 0; swaps keep that.
@@ -282,7 +280,8 @@ bool PlanarTriangulation::find_crossed_edges(std::uint32_t a, std::uint32_t b,
     }
     if (sp == 0) {  // p lies on the line: is it on the way?
       const GridPoint &A = points_[a], &B = points_[b], &P = points_[p];
-      if ((std::int64_t(B.x) - A.x) * (std::int64_t(P.x) - A.x) + (std::int64_t(B.y) - A.y) * (std::int64_t(P.y) - A.y) >
+      if ((std::int64_t(B.x) - A.x) * (std::int64_t(P.x) - A.x) +
+              (std::int64_t(B.y) - A.y) * (std::int64_t(P.y) - A.y) >
           0)
         return false;
     }

@@ -53,7 +53,8 @@ Eigen::Vector3f ViewCanvas::direction(float u, float v) const {
   const int u0 = std::clamp(int(std::floor(u)), 0, width_ - 2), v0 = std::clamp(int(std::floor(v)), 0, height_ - 2);
   const float s = u - float(u0), t = v - float(v0);
   const auto at = [&](int x, int y) -> const Eigen::Vector3f& { return patch_.rays->directions[pixel(x, y)]; };
-  return (1 - t) * ((1 - s) * at(u0, v0) + s * at(u0 + 1, v0)) + t * ((1 - s) * at(u0, v0 + 1) + s * at(u0 + 1, v0 + 1));
+  return (1 - t) * ((1 - s) * at(u0, v0) + s * at(u0 + 1, v0)) +
+         t * ((1 - s) * at(u0, v0 + 1) + s * at(u0 + 1, v0 + 1));
 }
 
 float ViewCanvas::tolerance(std::size_t pixel, float error_m) const {
@@ -81,7 +82,8 @@ float ViewCanvas::slope_slack(int u, int v) const {
 
 Agreement ViewCanvas::compare(const CanvasPoint& point, float error_m) const {
   if (!point.is_in) return Agreement::kNothingThere;
-  const int u0 = std::clamp(int(std::floor(point.u)), 0, width_ - 1), v0 = std::clamp(int(std::floor(point.v)), 0, height_ - 1);
+  const int u0 = std::clamp(int(std::floor(point.u)), 0, width_ - 1),
+            v0 = std::clamp(int(std::floor(point.v)), 0, height_ - 1);
   Agreement best = Agreement::kNothingThere;
   for (int v = v0; v <= std::min(v0 + 1, height_ - 1); ++v)
     for (int u = u0; u <= std::min(u0 + 1, width_ - 1); ++u) {

@@ -1,7 +1,7 @@
 // Based on: G. Turk, M. Levoy, Zippered Polygon Meshes from Range Images, 1994, §4; and Y. Sun, C. Dumont, M. Abidi,
 // Mesh-based Integration of Range and Color Images, 2000, §2.2 (overlap in the new view's image) and §2.3 (gaps).
 
-#include "lapseam/zipper.h"
+#include "lapseam/sew.h"
 
 #include <algorithm>
 #include <atomic>
@@ -19,15 +19,15 @@
 namespace lapseam {
 namespace {
 
-constexpr float kGridPerPixel = 1024;   // resolution of the planar triangulation
-constexpr float kNearWall_px = 0.6f;    // samples nearer to the model's border than this would make slivers
-constexpr float kLongest_px = 6;        // edges of seams, unless the border itself has longer ones
-constexpr float kWallStep_px = 0.25f;   // sampling of borders and of triangle interiors
+constexpr float kGridPerPixel = 1024;  // resolution of the planar triangulation
+constexpr float kNearWall_px = 0.6f;   // samples nearer to the model's border than this would make slivers
+constexpr float kLongest_px = 6;       // edges of seams, unless the border itself has longer ones
+constexpr float kWallStep_px = 0.25f;  // sampling of borders and of triangle interiors
 // A sample may be left out when it is this close to the surface without it, in standard deviations of its range.
 constexpr float kFlatness = 0.3f;
 // A sample this many tolerances from the model is still no new surface, but one that views disagree about.
 constexpr float kShadowFactor = 2;
-constexpr std::size_t kChunk = 2048;    // triangles that are culled together
+constexpr std::size_t kChunk = 2048;        // triangles that are culled together
 constexpr double kFarFromOrigin_m = 100.0;  // floats hold a millimetre's hundredth up to here
 
 struct OpenEdge {
@@ -51,15 +51,15 @@ struct Zipper::Impl {
   std::span<const Patch> patches;
   OverlapOptions options;
   Mesh mesh;
-  std::vector<float> error_m;                              // per vertex, along its normal
-  std::vector<Eigen::Matrix<std::int8_t, 3, 1>> normal;    // per vertex, × 127
+  std::vector<float> error_m;                            // per vertex, along its normal
+  std::vector<Eigen::Matrix<std::int8_t, 3, 1>> normal;  // per vertex, × 127
   std::vector<OpenEdge> open;
   std::vector<Chunk> chunks;
-  std::unordered_set<std::uint64_t> border_edges;          // edges between vertices that were on the border when made
-  std::vector<std::uint32_t> local_of_vertex;              // scratch, all kInvalidIndex between calls
+  std::unordered_set<std::uint64_t> border_edges;  // edges between vertices that were on the border when made
+  std::vector<std::uint32_t> local_of_vertex;      // scratch, all kInvalidIndex between calls
   ZipperReport report;
   std::vector<std::uint8_t> times_added;
-  std::vector<Eigen::Vector4f> removed;                    // where triangles were taken: centre, radius
+  std::vector<Eigen::Vector4f> removed;  // where triangles were taken: centre, radius
 
   void add(std::uint32_t index, const Image<std::uint8_t>& wanted, bool is_mending, Context& context);
   void find_border();
@@ -71,7 +71,8 @@ struct Zipper::Impl {
 // One view's turn.
 class Zipper::Impl::Step {
  public:
-  Step(Impl& model, std::uint32_t index, const Image<std::uint8_t>& wanted, int shift, bool is_mending, Context& context)
+  Step(Impl& model, std::uint32_t index, const Image<std::uint8_t>& wanted, int shift, bool is_mending,
+       Context& context)
       : m_(model),
         index_(index),
         patch_(model.patches[index]),
@@ -85,7 +86,8 @@ class Zipper::Impl::Step {
         cell_(w_, h_, 0),
         local_of_sample_(w_, h_, kInvalidIndex) {
     const std::size_t middle = patch_.rays->directions.size() / 2;
-    pixel_angle_ = (patch_.rays->directions[middle].normalized() - patch_.rays->directions[middle + 1].normalized()).norm();
+    pixel_angle_ =
+        (patch_.rays->directions[middle].normalized() - patch_.rays->directions[middle + 1].normalized()).norm();
   }
 
   void run() {
@@ -153,7 +155,8 @@ class Zipper::Impl::Step {
 
   bool is_in_focus(float u_low, float u_high, float v_low, float v_high) const {
     if (!is_mending_) return true;
-    const int u0 = std::max(0, int(std::floor(u_low))) / kFocusTile_px, v0 = std::max(0, int(std::floor(v_low))) / kFocusTile_px;
+    const int u0 = std::max(0, int(std::floor(u_low))) / kFocusTile_px,
+              v0 = std::max(0, int(std::floor(v_low))) / kFocusTile_px;
     const int u1 = std::min(w_ - 1, int(std::ceil(u_high))), v1 = std::min(h_ - 1, int(std::ceil(v_high)));
     for (int v = v0; v * kFocusTile_px <= v1; ++v)
       for (int u = u0; u * kFocusTile_px <= u1; ++u)
@@ -229,8 +232,10 @@ class Zipper::Impl::Step {
     const auto [v_low, v_high] = std::minmax({p[0].v, p[1].v, p[2].v});
     const float bulge = bulge_of(std::max(u_high - u_low, v_high - v_low));
     if (!is_in_focus(u_low - bulge, u_high + bulge, v_low - bulge, v_high + bulge)) return;
-    for (int v = std::max(0, int(std::floor(v_low - bulge))); v <= std::min(h_ - 1, int(std::floor(v_high + bulge))); ++v)
-      for (int u = std::max(0, int(std::floor(u_low - bulge))); u <= std::min(w_ - 1, int(std::floor(u_high + bulge))); ++u)
+    for (int v = std::max(0, int(std::floor(v_low - bulge))); v <= std::min(h_ - 1, int(std::floor(v_high + bulge)));
+         ++v)
+      for (int u = std::max(0, int(std::floor(u_low - bulge))); u <= std::min(w_ - 1, int(std::floor(u_high + bulge)));
+           ++u)
         if (cell_.at(u, v) && (!is_mending_ || focus_.at(u, v)))
           beneath.push_back({std::uint32_t(cell_.index(u, v)), std::uint32_t(t)});
     const int u0 = std::max(0, int(std::ceil(u_low - bulge))), u1 = std::min(w_ - 1, int(std::floor(u_high + bulge)));
@@ -248,10 +253,10 @@ class Zipper::Impl::Step {
     if (area == 0) return;
     // The plane of the triangle, for the range where a pixel's ray meets it.
     const Eigen::Vector3f a = canvas_.T_view_model() * m_.mesh.positions_m[corners[0]];
-    const Eigen::Vector3f ab = canvas_.T_view_model().linear() *
-                               (m_.mesh.positions_m[corners[1]] - m_.mesh.positions_m[corners[0]]);
-    const Eigen::Vector3f ac = canvas_.T_view_model().linear() *
-                               (m_.mesh.positions_m[corners[2]] - m_.mesh.positions_m[corners[0]]);
+    const Eigen::Vector3f ab =
+        canvas_.T_view_model().linear() * (m_.mesh.positions_m[corners[1]] - m_.mesh.positions_m[corners[0]]);
+    const Eigen::Vector3f ac =
+        canvas_.T_view_model().linear() * (m_.mesh.positions_m[corners[2]] - m_.mesh.positions_m[corners[0]]);
     const Eigen::Vector3f n = ab.cross(ac);
     const float low_r = std::min({p[0].r, p[1].r, p[2].r}), high_r = std::max({p[0].r, p[1].r, p[2].r});
     const float sign = area > 0 ? 1.0f : -1.0f;
@@ -368,7 +373,8 @@ class Zipper::Impl::Step {
   bool is_usable(int u, int v) const {
     if (is_mending_ && !focus_.at(u, v)) return false;
     const std::size_t pixel = canvas_.pixel(u, v);
-    return wanted_.pixels[pixel] != 0 && patch_.confidence.pixels[pixel] > 0 && !(sample_.at(u, v) & (kShadowed | kNear));
+    return wanted_.pixels[pixel] != 0 && patch_.confidence.pixels[pixel] > 0 &&
+           !(sample_.at(u, v) & (kShadowed | kNear));
   }
   bool is_cell_in(int u, int v) const { return u >= 0 && v >= 0 && u < w_ - 1 && v < h_ - 1; }
   std::uint8_t grid_cell(int u, int v) const { return patch_.grid.cells[canvas_.pixel(u, v)]; }
@@ -426,7 +432,8 @@ class Zipper::Impl::Step {
     };
     for (const SampleTriangle& t : adaptive_triangles(is_full, deviation)) {
       Triangle corners;
-      for (std::size_t k = 0; k < 3; ++k) corners[k] = vertex_of(int(t[k] % std::uint32_t(w_)), int(t[k] / std::uint32_t(w_)));
+      for (std::size_t k = 0; k < 3; ++k)
+        corners[k] = vertex_of(int(t[k] % std::uint32_t(w_)), int(t[k] / std::uint32_t(w_)));
       if (patch_.grid.is_mirrored) std::swap(corners[1], corners[2]);
       add_triangle(corners, TriangleTag::kMeasured);
     }
@@ -444,7 +451,9 @@ class Zipper::Impl::Step {
 
   // Of sample m from the plane through three others, along its ray, in units of what noise explains.
   float deviation_from_plane(std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t m) const {
-    const auto pixel = [&](std::uint32_t i) { return canvas_.pixel(int(i % std::uint32_t(w_)), int(i / std::uint32_t(w_))); };
+    const auto pixel = [&](std::uint32_t i) {
+      return canvas_.pixel(int(i % std::uint32_t(w_)), int(i / std::uint32_t(w_)));
+    };
     const std::size_t pm = pixel(m);
     const Eigen::Vector3f pa = patch_.point_in_view(pixel(a));
     const Eigen::Vector3f normal = (patch_.point_in_view(pixel(b)) - pa).cross(patch_.point_in_view(pixel(c)) - pa);
@@ -462,9 +471,7 @@ class Zipper::Impl::Step {
     m_.mesh.triangle_view.push_back(index_);
   }
 
-  bool is_emitted(int u, int v, int slot) const {
-    return is_cell_in(u, v) && (emitted_.at(u, v) >> slot & 1);
-  }
+  bool is_emitted(int u, int v, int slot) const { return is_cell_in(u, v) && (emitted_.at(u, v) >> slot & 1); }
 
   // Whether the triangle across the edge p–q of an emitted triangle was emitted too.
   bool is_neighbor_emitted(int u, int v, int slot, const Eigen::Vector2i& p, const Eigen::Vector2i& q) const {
@@ -534,7 +541,8 @@ class Zipper::Impl::Step {
         if (!(sample_.at(u, v) & kEmitted) && is_usable(u, v) && touches_gap(u, v)) local_of(u, v);
     if (!fences_.empty()) fill_gaps();
     for (const Local& local : locals_)
-      if (local.sample == kInvalidIndex && local.vertex != kInvalidIndex) m_.local_of_vertex[local.vertex] = kInvalidIndex;
+      if (local.sample == kInvalidIndex && local.vertex != kInvalidIndex)
+        m_.local_of_vertex[local.vertex] = kInvalidIndex;
   }
 
   void find_border_triangles() {
@@ -632,7 +640,8 @@ class Zipper::Impl::Step {
     const float ax = float(a.x) / kGridPerPixel, ay = sign * float(a.y) / kGridPerPixel;
     const float bx = float(b.x) / kGridPerPixel, by = sign * float(b.y) / kGridPerPixel;
     const float cx = float(c.x) / kGridPerPixel, cy = sign * float(c.y) / kGridPerPixel;
-    const float extent = std::max({std::hypot(ax - bx, ay - by), std::hypot(bx - cx, by - cy), std::hypot(cx - ax, cy - ay)});
+    const float extent =
+        std::max({std::hypot(ax - bx, ay - by), std::hypot(bx - cx, by - cy), std::hypot(cx - ax, cy - ay)});
     if (extent > kLongest_px && !is_as_long_as_border(face, extent)) return false;
     const int n = std::clamp(int(std::ceil(extent / kWallStep_px)), 3, 64);
     const Local &p0 = locals_[face.corner[0]], &p1 = locals_[face.corner[1]], &p2 = locals_[face.corner[2]];
@@ -651,7 +660,8 @@ class Zipper::Impl::Step {
     for (std::size_t k = 0; k < 3; ++k) {
       if (face.constrained >> k & 1) continue;
       const Local &p = locals_[face.corner[(k + 1) % 3]], &q = locals_[face.corner[(k + 2) % 3]];
-      if (p.vertex != kInvalidIndex && q.vertex != kInvalidIndex && m_.border_edges.count(undirected(p.vertex, q.vertex)))
+      if (p.vertex != kInvalidIndex && q.vertex != kInvalidIndex &&
+          m_.border_edges.count(undirected(p.vertex, q.vertex)))
         return false;
     }
     return true;
@@ -710,7 +720,8 @@ class Zipper::Impl::Step {
   }
 
   // Whether the ray through a corner or the middle of a face (in grid coordinates) meets a model triangle.
-  bool meets_curved(const Triangle& t, const std::array<Eigen::Vector2f, 3>& face, const Eigen::Vector2f& middle) const {
+  bool meets_curved(const Triangle& t, const std::array<Eigen::Vector2f, 3>& face,
+                    const Eigen::Vector2f& middle) const {
     std::array<Eigen::Vector3f, 3> corner;
     for (std::size_t k = 0; k < 3; ++k) corner[k] = canvas_.T_view_model() * m_.mesh.positions_m[t[k]];
     for (const Eigen::Vector2f& p : {face[0], face[1], face[2], middle})

@@ -2,7 +2,6 @@
 
 #include "lapseam/boundary.h"
 #include "lapseam/context.h"
-#include "lapseam/extract.h"
 #include "support/analytic_views.h"
 #include "support/patches.h"
 
@@ -24,8 +23,7 @@ View view_from(const Eigen::Vector3d& eye, const Eigen::Vector3d& target, const 
 
 Mesh mesh_of(const View& view) {
   Context context;
-  const std::vector<Patch> patches = {test::make_patch(view, kNoise, context)};
-  return extract(patches, context).mesh;
+  return test::mesh_of_patch(test::make_patch(view, kNoise, context));
 }
 
 Eigen::Vector3d centroid(const Mesh& mesh, const Triangle& t) {

@@ -110,13 +110,33 @@ TEST(Integrate, OrderOfViewsChangesOnlyDetails) {
 TEST(Integrate, ProvenancePointsAtTheSample) {
   const Scene scene = ball_scene(0.0);
   Context context(2);
-  const Mesh mesh = integrate(scene, {.smooth = {.reach_px = 0}}, context).mesh;
+  const Mesh mesh = integrate(scene, {.smooth = {.reach_px = 0}, .overlap = {.consensus = false}}, context).mesh;
   for (std::size_t i = 0; i < mesh.vertex_count(); ++i) {
     const ViewSource& view = scene.views[mesh.vertex_view[i]];
     const int u = int(mesh.vertex_pixel[i] % 120), v = int(mesh.vertex_pixel[i] / 120);
     const Eigen::Vector3d p = view.T_world_view * unproject(*view.sensor, u, v, double(view.range.memory->at(u, v)));
     ASSERT_LT((p - mesh.positions_m[i].cast<double>()).norm(), 1e-6);
   }
+}
+
+TEST(Integrate, ConsensusMovesSamplesAlongTheirRays) {
+  const Scene scene = ball_scene(0.002);
+  Context context(2);
+  const Mesh mesh = integrate(scene, {.smooth = {.reach_px = 0}}, context).mesh;
+  double moved = 0;
+  for (std::size_t i = 0; i < mesh.vertex_count(); ++i) {
+    const ViewSource& view = scene.views[mesh.vertex_view[i]];
+    const int u = int(mesh.vertex_pixel[i] % 120), v = int(mesh.vertex_pixel[i] / 120);
+    const Eigen::Vector3d in_view = view.T_world_view.inverse() * mesh.positions_m[i].cast<double>();
+    const auto at = project(*view.sensor, in_view);
+    ASSERT_TRUE(at);
+    ASSERT_NEAR(at->u, u, 1e-3);
+    ASSERT_NEAR(at->v, v, 1e-3);
+    const double shift = at->r - double(view.range.memory->at(u, v));
+    ASSERT_LT(std::abs(shift), 0.02);
+    moved += std::abs(shift) > 1e-5;
+  }
+  EXPECT_GT(moved, 0.1 * double(mesh.vertex_count()));
 }
 
 TEST(Integrate, FarFromTheOriginNothingIsLost) {
@@ -179,8 +199,9 @@ TEST(Integrate, ReportIsCompleteJson) {
   Context context(2);
   const IntegrateResult result = integrate(scene, {}, context);
   const std::string json = to_json(result.report, context);
-  for (const char* key : {"\"stages\"", "\"peak_rss_bytes\"", "\"sensors\"", "\"step_m\"", "\"registration_error_m\"",
-                          "\"triangles_in_model\"", "\"front_triangles\"", "\"nonmanifold_edges\"", "\"charts\""})
+  for (const char* key :
+       {"\"stages\"", "\"peak_rss_bytes\"", "\"sensors\"", "\"step_m\"", "\"registration_error_m\"",
+        "\"triangles_in_model\"", "\"seam_triangles\"", "\"samples_claimed\"", "\"nonmanifold_edges\"", "\"charts\""})
     EXPECT_NE(json.find(key), std::string::npos) << key;
   EXPECT_EQ(result.report.atlas.untextured_triangles, 0u);
 }

@@ -1,33 +1,24 @@
-#include "lapseam/overlap.h"
+// One layer where all views together show a surface: which view is best there, what is kept of the others, what is seen
+// through; and the mesh that comes of it.
 
 #include <gtest/gtest.h>
 
+#include <random>
+
 #include "lapseam/context.h"
+#include "lapseam/health.h"
 #include "support/analytic_views.h"
-#include "support/patches.h"
+#include "support/expect_valid_mesh.h"
+#include "support/joined.h"
 
 namespace lapseam {
 namespace {
 
 constexpr NoiseModel kNoise{0.002, 0, 0, 0};
 
-// Adds views one after another; returns the patches with their alive bits as the model has them.
-std::vector<Patch> add_all(const std::vector<View>& views, int threads = 2, OverlapCounts* sum = nullptr,
-                           const OverlapOptions& options = {}) {
+test::Joined join(const std::vector<View>& views, int threads = 2, const OverlapOptions& options = {}) {
   Context context(threads);
-  std::vector<Patch> patches;
-  OverlapRemoval removal(options);
-  patches.reserve(views.size());
-  for (const View& view : views) {
-    patches.push_back(test::make_patch(view, kNoise, context));
-    const OverlapCounts counts = removal.add(patches, context);
-    if (sum) {
-      sum->removed_old += counts.removed_old;
-      sum->removed_new += counts.removed_new;
-      sum->removed_seen_through += counts.removed_seen_through;
-    }
-  }
-  return patches;
+  return test::join(views, kNoise, context, options);
 }
 
 View look(const std::string& name, const Eigen::Vector3d& eye, const Eigen::Vector3d& target,
@@ -35,68 +26,58 @@ View look(const std::string& name, const Eigen::Vector3d& eye, const Eigen::Vect
   return test::make_view(name, test::small_camera(), test::look_at(eye, target), shape);
 }
 
-// How many alive triangles of all patches a ray from `eye` through each of a grid of targets passes within `near_m` of:
-// the number of layers, by brute force over triangles (Möller–Trumbore).
-int layers_at(const std::vector<Patch>& patches, const Eigen::Vector3d& eye, const Eigen::Vector3d& target) {
+// How many triangles a ray from `eye` through `target` meets, by brute force (Möller–Trumbore).
+int layers_at(const Mesh& mesh, const Eigen::Vector3d& eye, const Eigen::Vector3d& target) {
   int layers = 0;
   const Eigen::Vector3d d = target - eye;
-  for (const Patch& patch : patches)
-    for (std::size_t cell = 0; cell < patch.grid.cells.size(); ++cell)
-      for (int slot = 0; slot < 2; ++slot) {
-        if (!patch.grid.is_alive(cell, slot)) continue;
-        std::array<Eigen::Vector3d, 3> p;
-        const auto corners = patch.grid.corners(cell, slot);
-        for (std::size_t k = 0; k < 3; ++k)
-          p[k] = patch.view.T_world_view * patch.point_in_view(corners[k]).cast<double>();
-        const Eigen::Vector3d e1 = p[1] - p[0], e2 = p[2] - p[0], q = d.cross(e2);
-        const double det = e1.dot(q);
-        if (std::abs(det) < 1e-15) continue;
-        const Eigen::Vector3d s = eye - p[0], r = s.cross(e1);
-        const double u = s.dot(q) / det, v = d.dot(r) / det;
-        layers += u >= 0 && v >= 0 && u + v <= 1 && e2.dot(r) / det > 0;
-      }
+  for (const Triangle& t : mesh.triangles) {
+    std::array<Eigen::Vector3d, 3> p;
+    for (std::size_t k = 0; k < 3; ++k) p[k] = mesh.origin_m + mesh.positions_m[t[k]].cast<double>();
+    const Eigen::Vector3d e1 = p[1] - p[0], e2 = p[2] - p[0], q = d.cross(e2);
+    const double det = e1.dot(q);
+    if (std::abs(det) < 1e-15) continue;
+    const Eigen::Vector3d s = eye - p[0], r = s.cross(e1);
+    const double u = s.dot(q) / det, v = d.dot(r) / det;
+    layers += u >= 0 && v >= 0 && u + v <= 1 && e2.dot(r) / det > 0;
+  }
   return layers;
 }
 
-TEST(Overlap, OneLayerIsLeftOfTwoViewsOfAPlane) {
+TEST(Overlap, OneLayerAndNoGapOfTwoViewsOfAPlane) {
   const test::Shape wall = test::plane({0, 0, 0}, {0, 0, 1});
-  const auto patches = add_all({look("a", {0, 0, 2}, {0, 0, 0}, wall), look("b", {0.5, 0.2, 2.2}, {0.4, 0, 0}, wall)});
-  int single = 0, gaps = 0;
+  const test::Joined joined =
+      join({look("a", {0, 0, 2}, {0, 0, 0}, wall), look("b", {0.5, 0.2, 2.2}, {0.4, 0, 0}, wall)});
+  expect_valid_mesh(joined.mesh);
   std::mt19937 random(5);
   std::uniform_real_distribution<double> u(-0.5, 0.8);
-  for (int i = 0; i < 300; ++i) {
-    const int layers = layers_at(patches, {0, 0, 3}, {u(random), u(random) * 0.6, 0});
-    EXPECT_LE(layers, 1);
-    single += layers == 1;
-    gaps += layers == 0;
-  }
-  EXPECT_GT(patches[0].grid.alive_count(), 1000u);
-  EXPECT_GT(patches[1].grid.alive_count(), 1000u);
-  // The gap along the cut is about two triangles wide; it must not eat more than that.
-  EXPECT_LT(gaps, 40);
-  EXPECT_GT(single, 250);
+  for (int i = 0; i < 300; ++i) EXPECT_EQ(layers_at(joined.mesh, {0, 0, 3}, {u(random), u(random) * 0.6, 0}), 1);
+  EXPECT_GT(joined.counts[0].best, 1000u);
+  EXPECT_GT(joined.counts[1].best, 1000u);
+  EXPECT_GT(joined.report.seam_triangles, 20u);
+  Context context(1);
+  const MeshHealth health = check_health(joined.mesh, {}, context);
+  EXPECT_EQ(health.boundary_loops, 1u);  // the outline of what was seen, no crack
+  EXPECT_EQ(health.self_intersecting_triangles, 0u);
 }
 
 TEST(Overlap, SameViewTwiceAddsNothing) {
   const test::Shape ball = test::sphere({0, 0, 0}, 0.5);
   const View view = look("a", {0, -2, 0.3}, {0, 0, 0}, ball);
-  const auto patches = add_all({view, view});
-  EXPECT_EQ(patches[1].grid.alive_count(), 0u);
-  Context context(1);
-  EXPECT_EQ(patches[0].grid.alive_count(), test::make_patch(view, kNoise, context).grid.alive_count());
+  const test::Joined once = join({view}), twice = join({view, view});
+  EXPECT_EQ(twice.counts[1].best, 0u);
+  EXPECT_EQ(twice.mesh.triangle_count(), once.mesh.triangle_count());
 }
 
 TEST(Overlap, NearerViewWinsWhereBothSee) {
   const test::Shape wall = test::plane({0, 0, 0}, {0, 0, 1});
   for (const bool near_first : {true, false}) {
     const View near = look("near", {0, 0, 1}, {0, 0, 0}, wall), far = look("far", {0, 0, 3}, {0, 0, 0}, wall);
-    const auto patches = near_first ? add_all({near, far}) : add_all({far, near});
-    const Patch& near_patch = patches[near_first ? 0 : 1];
-    const Patch& far_patch = patches[near_first ? 1 : 0];
+    const test::Joined joined = near_first ? join({near, far}) : join({far, near});
     // All but the rim, where confidence falls off.
-    EXPECT_GT(double(near_patch.grid.alive_count()), 0.8 * 119 * 119 * 2) << near_first;
-    EXPECT_GT(far_patch.grid.alive_count(), 1000u) << near_first;
-    EXPECT_LT(far_patch.grid.alive_count(), 119u * 119u * 2u) << near_first;
+    EXPECT_GT(double(joined.counts[near_first ? 0 : 1].best), 0.8 * 120 * 120) << near_first;
+    EXPECT_GT(joined.counts[near_first ? 1 : 0].best, 1000u) << near_first;
+    for (int i = -5; i <= 5; ++i)
+      EXPECT_EQ(layers_at(joined.mesh, {0, 0, 3}, {0.1 * i + 0.001, 0.07 * i + 0.002, 0}), 1) << near_first;
   }
 }
 
@@ -106,10 +87,10 @@ TEST(Overlap, BothSidesOfAThinSheetSurvive) {
       test::nearest({test::rectangle(0.001, -0.4, 0.4, -0.4, 0.4), test::rectangle(-0.001, -0.4, 0.4, -0.4, 0.4)});
   const View front = look("front", {0, 0.1, 1.5}, {0, 0, 0}, sheet),
              back = look("back", {0.1, 0, -1.5}, {0, 0, 0}, sheet);
-  Context context(1);
-  const auto patches = add_all({front, back});
-  EXPECT_EQ(patches[0].grid.alive_count(), test::make_patch(front, kNoise, context).grid.alive_count());
-  EXPECT_EQ(patches[1].grid.alive_count(), test::make_patch(back, kNoise, context).grid.alive_count());
+  const test::Joined joined = join({front, back});
+  EXPECT_EQ(joined.counts[0].yields + joined.counts[1].yields, 0u);
+  EXPECT_EQ(joined.report.seam_triangles, 0u);
+  for (int i = -5; i <= 5; ++i) EXPECT_EQ(layers_at(joined.mesh, {0, 0, 3}, {0.05 * i + 0.001, 0.03 * i, 0}), 2);
 }
 
 TEST(Overlap, WhatAnotherViewSeesThroughGoes) {
@@ -118,19 +99,11 @@ TEST(Overlap, WhatAnotherViewSeesThroughGoes) {
   const View guest = look("guest", {0, 0, 2}, {0, 0, 0}, with_guest),
              empty = look("empty", {0.2, 0, 2}, {0, 0, 0}, wall);
   for (const bool guest_first : {true, false}) {
-    OverlapCounts counts;
-    const auto patches = guest_first ? add_all({guest, empty}, 2, &counts) : add_all({empty, guest}, 2, &counts);
-    EXPECT_GT(counts.removed_seen_through, 100u);
-    const Patch& patch = patches[guest_first ? 0 : 1];
-    for (std::size_t cell = 0; cell < patch.grid.cells.size(); ++cell)
-      for (int slot = 0; slot < 2; ++slot)
-        if (patch.grid.is_alive(cell, slot)) {
-          EXPECT_GT(patch.view.range.pixels[patch.grid.corners(cell, slot)[0]], 1.5f);
-        }
+    const test::Joined joined = guest_first ? join({guest, empty}) : join({empty, guest});
+    EXPECT_GT(joined.phantoms(), 100u);
+    for (const Eigen::Vector3f& p : joined.mesh.positions_m) EXPECT_LT(p.z(), 0.5f);
   }
-  OverlapCounts kept;
-  add_all({guest, empty}, 2, &kept, {.remove_seen_through = false});
-  EXPECT_EQ(kept.removed_seen_through, 0u);
+  EXPECT_EQ(join({guest, empty}, 2, {.remove_seen_through = false}).phantoms(), 0u);
 }
 
 TEST(Overlap, WhatIsOnlyHiddenStays) {
@@ -139,8 +112,33 @@ TEST(Overlap, WhatIsOnlyHiddenStays) {
   const test::Shape obstacle = test::nearest({wall, test::rectangle(1.0, -5, 0, -5, 5)});
   const View open = look("open", {0, 0, 0.9}, {0, 0, 0}, obstacle);  // in front of the obstacle's plane
   const View blocked = look("blocked", {0, 0, 2}, {0, 0, 0}, obstacle);
-  const auto patches = add_all({open, blocked});
-  for (int i = 1; i <= 10; ++i) EXPECT_EQ(layers_at(patches, {0, 0, 0.9}, {-0.03 * i, 0.01, 0}), 1);
+  const test::Joined joined = join({open, blocked});
+  for (int i = 1; i <= 10; ++i) EXPECT_EQ(layers_at(joined.mesh, {0, 0, 0.9}, {-0.03 * i, 0.01, 0}), 1);
+}
+
+TEST(Overlap, ConsensusAveragesTheNoiseOfAllViews) {
+  const test::Shape wall = test::plane({0, 0, 0}, {0, 0, 1});
+  std::vector<View> views;
+  for (int i = 0; i < 9; ++i)
+    views.push_back(test::make_view("v", test::small_camera(), test::look_at({0.05 * i - 0.2, 0, 2}, {0, 0, 0}), wall,
+                                    0.0004, unsigned(i)));
+  const auto rms = [&](bool consensus) {
+    const test::Joined joined = join(views, 2, {.consensus = consensus});
+    double sum = 0;
+    std::size_t count = 0;
+    for (const Patch& patch : joined.patches)
+      for (int v = 40; v < 80; ++v)
+        for (int u = 40; u < 80; ++u, ++count) {
+          const std::size_t i = patch.confidence.index(u, v);
+          const double z = (patch.view.T_world_view * patch.point_in_view(i).cast<double>()).z();
+          sum += z * z;
+        }
+    return std::sqrt(sum / double(count));
+  };
+  const double before = rms(false), after = rms(true);
+  EXPECT_NEAR(before, 0.0004, 0.00004);
+  // Nine views; interpolation between the others' samples averages a little more.
+  EXPECT_LT(after, before / 2.5);
 }
 
 TEST(Overlap, PanoramaAgainstCameraAcrossTheSeam) {
@@ -149,9 +147,18 @@ TEST(Overlap, PanoramaAgainstCameraAcrossTheSeam) {
                                     Eigen::Isometry3d::Identity(), room);
   // The camera is nearer to the wall at −x, where the panorama's first and last columns meet.
   const View camera = look("camera", {-1, 0.1, 0}, {-2, 0, 0}, room);
-  const auto patches = add_all({pano, camera});
-  EXPECT_GT(double(patches[1].grid.alive_count()), 0.8 * 119 * 119 * 2);
-  for (int i = -8; i <= 8; ++i) EXPECT_LE(layers_at(patches, {0, 0, 0}, {-2, 0.05 * i + 0.003, 0.011}), 1);
+  const test::Joined joined = join({pano, camera});
+  expect_valid_mesh(joined.mesh);
+  EXPECT_GT(double(joined.counts[1].best), 0.8 * 120 * 120);
+  for (int i = -8; i <= 8; ++i) EXPECT_EQ(layers_at(joined.mesh, {0, 0, 0}, {-2, 0.05 * i + 0.003, 0.011}), 1);
+}
+
+TEST(Overlap, PanoramaAloneIsClosedAtItsCut) {
+  const test::Shape room = test::box_room({-2, -2, -1.5}, {2, 2, 1.5});
+  const View pano = test::make_view("pano", SphericalSensor::from_limits(360, 120, -M_PI, M_PI, 1.0, -1.0),
+                                    Eigen::Isometry3d::Identity(), room);
+  const test::Joined joined = join({pano});
+  for (int i = -8; i <= 8; ++i) EXPECT_EQ(layers_at(joined.mesh, {0, 0, 0}, {-2, 0.007 * i + 0.003, 0.011}), 1);
 }
 
 TEST(Overlap, SameForAnyThreads) {
@@ -162,10 +169,12 @@ TEST(Overlap, SameForAnyThreads) {
     views.push_back(test::make_view("v", test::small_camera(),
                                     test::look_at({std::cos(i), std::sin(i), 1.6}, {0, 0, 0}), shape, 0.002,
                                     unsigned(i)));
-  const auto reference = add_all(views, 1);
+  const test::Joined reference = join(views, 1);
   for (const int threads : {2, 3, 8}) {
-    const auto patches = add_all(views, threads);
-    for (std::size_t i = 0; i < patches.size(); ++i) EXPECT_EQ(patches[i].grid.cells, reference[i].grid.cells);
+    const test::Joined joined = join(views, threads);
+    for (std::size_t i = 0; i < views.size(); ++i) EXPECT_EQ(joined.claims[i].pixels, reference.claims[i].pixels);
+    EXPECT_EQ(joined.mesh.triangles, reference.mesh.triangles);
+    EXPECT_EQ(joined.mesh.positions_m, reference.mesh.positions_m);
   }
 }
 

@@ -16,6 +16,8 @@ struct IntegrateArguments {
   std::string scene, output, report;
   bool no_texture = false, skip_bad_views = false;
   int hold_out = 0, page_size = 4096;
+  double fill_holes_m = 0, max_error_mm = 0;
+  std::uint64_t triangles = 0;
 };
 
 // Refused before the work starts, not after it.
@@ -42,6 +44,9 @@ void run(const IntegrateArguments& arguments) {
   IntegrateOptions options;
   options.hold_out = arguments.hold_out;
   options.skip_bad_views = arguments.skip_bad_views;
+  options.fill_holes.largest_m = arguments.fill_holes_m;
+  options.reduce.max_error_m = arguments.max_error_mm / 1000;
+  options.reduce.max_triangles = arguments.triangles;
   options.atlas.page_size = arguments.page_size;
   options.check_self_intersections = !arguments.report.empty();
   const bool is_ply = std::filesystem::path(arguments.output).extension() == ".ply";
@@ -72,6 +77,15 @@ void add_integrate_command(CLI::App& app) {
   command->add_flag("--no-texture", arguments->no_texture, "Geometry only");
   command->add_option("--hold-out", arguments->hold_out, "Leave out every Nth view, from the first, for measuring")
       ->check(CLI::Range(2, 1'000'000));
+  command
+      ->add_option("--fill-holes", arguments->fill_holes_m,
+                   "Close holes up to this many metres across; their triangles are tagged as filled")
+      ->check(CLI::PositiveNumber);
+  command
+      ->add_option("--max-error", arguments->max_error_mm, "Reduce the result: largest error of a vertex, millimetres")
+      ->check(CLI::PositiveNumber);
+  command->add_option("--triangles", arguments->triangles, "Reduce the result to at most this many triangles")
+      ->check(CLI::PositiveNumber);
   command->add_option("--page-size", arguments->page_size, "Largest texture page, pixels")
       ->check(CLI::Range(64, 16384))
       ->capture_default_str();

@@ -28,8 +28,8 @@ Examples, in the order of the work:
   lapseam manifest frames/ -o scene.json               writes any readable scene as a manifest, to be edited
   lapseam info room/scene.json                         what is there, and is it usable?
   lapseam integrate room/scene.json -o room.glb        all views into one mesh (.ply, .glb or .obj)
-  lapseam reduce room.ply -o small.ply                 fewer triangles, within the noise
   lapseam sew a.ply b.ply c.ply -o joined.ply          overlapping meshes into one, without range images
+  lapseam reduce room.ply -o small.ply                 fewer triangles, within the noise
   lapseam render room.glb -o room.png --orbit 30,40    a picture of it
   lapseam evaluate room.ply room/truth/mesh.ply --views room/truth/scene.json
 
@@ -137,8 +137,8 @@ int run(int argc, char** argv) {
   add_manifest_command(app);
   add_info_command(app);
   add_integrate_command(app);
-  add_reduce_command(app);
   add_sew_command(app);
+  add_reduce_command(app);
   add_render_command(app);
   add_evaluate_command(app);
   app.footer(kFooter);  // last, since commands inherit it
