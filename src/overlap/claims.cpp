@@ -31,6 +31,7 @@ struct Judge {
   Eigen::Isometry3d T_judge_view;
   Eigen::Matrix3f R;
   Eigen::Vector3f t;
+  float spacing_per_m;  // between neighbouring rays, at a range of one metre
   bool wins_ties;
 };
 
@@ -42,6 +43,9 @@ Judge make_judge(const Patch& judge, const Patch& view) {
   j.T_judge_view = judge.view.T_world_view.inverse() * view.view.T_world_view;
   j.R = j.T_judge_view.linear().cast<float>();
   j.t = j.T_judge_view.translation().cast<float>();
+  const auto& rays = judge.rays->directions;
+  const std::size_t middle = rays.size() / 2;
+  j.spacing_per_m = (rays[middle] - rays[middle + 1 < rays.size() ? middle + 1 : 0]).norm();
   j.wins_ties = &judge < &view;
   return j;
 }
@@ -69,71 +73,98 @@ bool project_into(const Judge& judge, const Eigen::Vector3f& p_view, Pixel& out)
 class TileClaims {
  public:
   TileClaims(const Patch& patch, const OverlapOptions& options, Image<std::uint8_t>& claims, Image<float>& shift)
-      : patch_(patch), options_(options), claims_(claims), shift_(shift), w_(patch.grid.width), h_(patch.grid.height) {}
+      : patch_(patch), options_(options), claims_(claims), shift_(shift) {}
 
+  // One judge after another, each over the whole tile: a judge's samples that the tile falls on stay in the cache.
   void run(const PatchTile& tile, const std::vector<Judge>& judges) {
-    // Samples of the tile's cells; the last row and column belong to the next tile.
-    for (int v = tile.v0; v < tile.v1; ++v)
-      for (int u = tile.u0; u < tile.u1; ++u) {
-        const std::size_t i = patch_.confidence.index(u, v);
-        if (patch_.confidence.pixels[i] > 0) claims_.pixels[i] = code(claim_of(u, v, i, judges));
-      }
+    gather(tile);
+    for (const Judge& judge : judges)
+      for (Sample& sample : samples_)
+        if (sample.claim != Claim::kPhantom) ask(judge, sample);
+    const float systematic = squared_registration();
+    for (const Sample& sample : samples_) {
+      claims_.pixels[sample.pixel] = code(sample.claim);
+      if (!(sample.sum > 0) || sample.claim == Claim::kPhantom) continue;
+      const float own_weight = 1 / (sample.error_m * sample.error_m + systematic);
+      const float cosine = std::max(kLowestCosine, float(patch_.incidence.pixels[sample.pixel]) / 255);
+      shift_.pixels[sample.pixel] = sample.weighted / (sample.sum + own_weight) / cosine;
+    }
   }
 
  private:
-  Claim claim_of(int u, int v, std::size_t i, const std::vector<Judge>& judges) {
-    const Eigen::Vector3f p = patch_.point_in_view(i);
-    const float confidence = patch_.confidence.pixels[i];
-    const float error = float(patch_.noise.sigma(double(patch_.view.range.pixels[i]))) *
-                        std::max(0.05f, float(patch_.incidence.pixels[i]) / 255);
-    const auto registration = float(options_.registration_error_m);
-    const float systematic = registration * registration;
+  struct Sample {
+    Eigen::Vector3f point;  // in the view's frame
+    std::uint32_t pixel;
+    float confidence, error_m;
+    float sum = 0, weighted = 0;  // of the consensus: weights, and what the others say times weight, along the normal
     Claim claim = Claim::kBest;
-    float sum = 0, weighted = 0;
-    for (const Judge& judge : judges) {
-      Pixel at;
-      if (!project_into(judge, p, at)) continue;
-      const Patch& other = *judge.patch;
-      const int w = other.grid.width, h = other.grid.height;
-      const int x = int(std::floor(at.u + 0.5f)), y = int(std::floor(at.v + 0.5f));
-      if (y < 1 || y >= h - 1) continue;
-      if (!other.grid.wraps && (x < 1 || x >= w - 1)) continue;
-      const std::size_t pixel = other.confidence.index(other.grid.wraps ? (x % w + w) % w : x, y);
-      const float other_confidence = other.confidence.pixels[pixel];
-      if (!(other_confidence > 0)) continue;
-      const float measured = other.view.range.pixels[pixel];
-      const float cosine = std::max(kLowestCosine, float(other.incidence.pixels[pixel]) / 255);
-      const float own = float(other.noise.sigma(double(measured))) * cosine;
-      const float along_normal = float(options_.noise_factor) * std::sqrt(own * own + error * error) +
-                                 kRegistrationFactor * float(options_.registration_error_m);
-      // The sample may lie up to half a pixel from the other view's: the surface's slope makes a difference of that.
-      const float spacing = (other.rays->directions[pixel] - other.rays->directions[pixel - 1]).norm() * measured;
-      const float slack = 0.7f * spacing * std::sqrt(1 - cosine * cosine) / cosine;
-      float between = measured;
-      const bool is_smooth = interpolate(other, at, between);
-      const float behind = between - at.r;
-      if (std::abs(behind) <= kDisagreement * along_normal / cosine + slack) {
-        if (!is_same_side(judge, u, v, i)) continue;
-        // Both errors are taken along the normal, where they mean the same for both views.
-        if (is_smooth &&
-            std::abs(behind) * cosine <= kConsensusGate * std::sqrt(own * own + error * error + systematic)) {
-          const float weight = 1 / (own * own + systematic);
-          sum += weight;
-          weighted += weight * behind * cosine;
-        }
-        if (other_confidence > confidence || (other_confidence == confidence && judge.wins_ties))
-          claim = Claim::kYields;
-      } else if (options_.remove_seen_through && behind > 0 &&
-                 is_seen_through(other, x, y, at.r, kClearanceFactor * along_normal)) {
-        return Claim::kPhantom;
+  };
+
+  float squared_registration() const {
+    return float(options_.registration_error_m) * float(options_.registration_error_m);
+  }
+
+  // Samples of the tile's cells; the last row and column belong to the next tile.
+  void gather(const PatchTile& tile) {
+    samples_.clear();
+    for (int v = tile.v0; v < tile.v1; ++v)
+      for (int u = tile.u0; u < tile.u1; ++u) {
+        const std::size_t i = patch_.confidence.index(u, v);
+        if (!(patch_.confidence.pixels[i] > 0)) continue;
+        const float error = float(patch_.noise.sigma(double(patch_.view.range.pixels[i]))) *
+                            std::max(0.05f, float(patch_.incidence.pixels[i]) / 255);
+        samples_.push_back({patch_.point_in_view(i), std::uint32_t(i), patch_.confidence.pixels[i], error});
       }
+  }
+
+  void ask(const Judge& judge, Sample& sample) const {
+    Pixel at;
+    if (!project_into(judge, sample.point, at)) return;
+    const Patch& other = *judge.patch;
+    const int w = other.grid.width, h = other.grid.height;
+    if (!(at.u > -1e6f && at.u < 1e6f && at.v > 0.5f && at.v < float(h) - 1.5f)) return;
+    int x = int(std::floor(at.u + 0.5f));
+    const int y = int(at.v + 0.5f);
+    if (other.grid.wraps)
+      x = (x % w + w) % w;
+    else if (x < 1 || x >= w - 1)
+      return;
+    const std::size_t pixel = other.confidence.index(x, y);
+    const float measured = other.view.range.pixels[pixel];
+    // Hidden behind something else, as most are: no more to ask.
+    const auto sigma = float(other.noise.sigma(double(measured)));
+    const float spacing = judge.spacing_per_m * measured;
+    const float registration = kRegistrationFactor * float(options_.registration_error_m);
+    const float most =
+        (kDisagreement * (float(options_.noise_factor) * (sigma + sample.error_m) + registration) + spacing) /
+        kLowestCosine;
+    if (!(measured > at.r - most)) return;
+    const float other_confidence = other.confidence.pixels[pixel];
+    if (!(other_confidence > 0)) return;
+    const float cosine = std::max(kLowestCosine, float(other.incidence.pixels[pixel]) / 255);
+    const float own = sigma * cosine;
+    const float variance = own * own + sample.error_m * sample.error_m;
+    const float along_normal = float(options_.noise_factor) * std::sqrt(variance) + registration;
+    // The sample may lie up to half a pixel from the other view's: the surface's slope makes a difference of that.
+    const float slack = 0.7f * spacing * std::sqrt(1 - cosine * cosine) / cosine;
+    float between = measured;
+    const bool is_smooth = interpolate(other, at, between);
+    const float behind = between - at.r;
+    if (std::abs(behind) <= kDisagreement * along_normal / cosine + slack) {
+      if (!is_same_side(judge, sample)) return;
+      // Both errors are taken along the normal, where they mean the same for both views.
+      const float off = behind * cosine, systematic = squared_registration();
+      if (is_smooth && off * off <= kConsensusGate * kConsensusGate * (variance + systematic)) {
+        const float weight = 1 / (own * own + systematic);
+        sample.sum += weight;
+        sample.weighted += weight * off;
+      }
+      if (other_confidence > sample.confidence || (other_confidence == sample.confidence && judge.wins_ties))
+        sample.claim = Claim::kYields;
+    } else if (options_.remove_seen_through && behind > 0 &&
+               is_seen_through(other, x, y, at.r, kClearanceFactor * along_normal)) {
+      sample.claim = Claim::kPhantom;
     }
-    if (sum > 0) {
-      const float own_weight = 1 / (error * error + systematic);
-      const float cosine = std::max(kLowestCosine, float(patch_.incidence.pixels[i]) / 255);
-      shift_.pixels[i] = weighted / (sum + own_weight) / cosine;
-    }
-    return claim;
   }
 
   // Range of the other view's surface between its samples; where they part, that of the nearest.
@@ -167,12 +198,13 @@ class TileClaims {
   }
 
   // Whether the other view looks at the side of the surface that this one measured.
-  bool is_same_side(const Judge& judge, int u, int v, std::size_t i) const {
+  bool is_same_side(const Judge& judge, const Sample& sample) const {
     if (!judge.patch->rays->origins.empty() || !patch_.rays->origins.empty()) return true;
-    const Eigen::Vector3f p = patch_.point_in_view(i), ray = judge.R * p + judge.t;
-    const float alike = (judge.R * p).dot(ray);
-    if (alike > kSameSide * p.norm() * ray.norm()) return true;
-    const Eigen::Vector3f normal = judge.R * WideNormal(patch_).at(u, v);
+    const Eigen::Vector3f turned = judge.R * sample.point, ray = turned + judge.t;
+    const float alike = turned.dot(ray);
+    if (alike > 0 && alike * alike > kSameSide * kSameSide * turned.squaredNorm() * ray.squaredNorm()) return true;
+    const auto w = std::uint32_t(patch_.grid.width);
+    const Eigen::Vector3f normal = judge.R * WideNormal(patch_).at(int(sample.pixel % w), int(sample.pixel / w));
     return normal.dot(ray) < 0;
   }
 
@@ -180,7 +212,7 @@ class TileClaims {
   const OverlapOptions& options_;
   Image<std::uint8_t>& claims_;
   Image<float>& shift_;
-  int w_, h_;
+  std::vector<Sample> samples_;
 };
 
 // Connected samples of one claim that are fewer than `smallest` and border on the other claim change sides.
@@ -244,7 +276,7 @@ std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const O
     std::vector<Judge> judges;
     for (std::size_t j = 0; j < patches.size(); ++j) {
       if (j == i) continue;
-      Judge judge = make_judge(patches[j], patches[i]);
+      const Judge judge = make_judge(patches[j], patches[i]);
       if (cones[j].can_see(judge.R * tile.center_in_view + judge.t, tile.radius_m)) judges.push_back(judge);
     }
     TileClaims(patches[i], options, claims[i], shifts[i]).run(tile, judges);
