@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <unordered_map>
 
 #include "core/parallel.h"
 #include "overlap/view_projection.h"
@@ -75,12 +76,29 @@ class TileClaims {
   TileClaims(const Patch& patch, const OverlapOptions& options, Image<std::uint8_t>& claims, Image<float>& shift)
       : patch_(patch), options_(options), claims_(claims), shift_(shift) {}
 
-  // One judge after another, each over the whole tile: a judge's samples that the tile falls on stay in the cache.
+  // Where a coarse lattice of samples yields all around a piece of unbroken surface, so do the samples between: only
+  // the rest is asked for one by one. What yields needs no consensus, for it is not kept.
   void run(const PatchTile& tile, const std::vector<Judge>& judges) {
-    gather(tile);
-    for (const Judge& judge : judges)
-      for (Sample& sample : samples_)
-        if (sample.claim != Claim::kPhantom) ask(judge, sample);
+    samples_.clear();
+    for (int v = tile.v0; v <= tile.v1; v += kLattice_px)
+      for (int u = tile.u0; u <= tile.u1; u += kLattice_px) gather(u, v);
+    ask_all(judges);
+    for (const Sample& sample : samples_) lattice_[sample.pixel] = sample.claim;
+    samples_.clear();
+    for (int v = tile.v0; v < tile.v1; v += kLattice_px)
+      for (int u = tile.u0; u < tile.u1; u += kLattice_px) {
+        const bool yields = is_unbroken(u, v) && yields_at(u, v) && yields_at(u + kLattice_px, v) &&
+                            yields_at(u, v + kLattice_px) && yields_at(u + kLattice_px, v + kLattice_px);
+        for (int y = v; y < std::min(v + kLattice_px, tile.v1); ++y)
+          for (int x = u; x < std::min(u + kLattice_px, tile.u1); ++x) {
+            if (yields)
+              claims_.at(x, y) = code(Claim::kYields);
+            else
+              gather(x, y);
+          }
+      }
+    lattice_.clear();
+    ask_all(judges);
     const float systematic = squared_registration();
     for (const Sample& sample : samples_) {
       claims_.pixels[sample.pixel] = code(sample.claim);
@@ -92,6 +110,8 @@ class TileClaims {
   }
 
  private:
+  static constexpr int kLattice_px = 4;
+
   struct Sample {
     Eigen::Vector3f point;  // in the view's frame
     std::uint32_t pixel;
@@ -100,21 +120,40 @@ class TileClaims {
     Claim claim = Claim::kBest;
   };
 
+  // One judge after another, each over all samples: what they fall on stays in the cache.
+  void ask_all(const std::vector<Judge>& judges) {
+    for (const Judge& judge : judges)
+      for (Sample& sample : samples_)
+        if (sample.claim != Claim::kPhantom) ask(judge, sample);
+  }
+
+  bool yields_at(int u, int v) const {
+    const auto found = lattice_.find(std::uint32_t(patch_.confidence.index(u, v)));
+    return found != lattice_.end() && found->second == Claim::kYields;
+  }
+
+  // Every cell from (u, v) to the next lattice points has both its triangles.
+  bool is_unbroken(int u, int v) const {
+    if (u + kLattice_px >= patch_.grid.width || v + kLattice_px >= patch_.grid.height) return false;
+    for (int y = v; y < v + kLattice_px; ++y)
+      for (int x = u; x < u + kLattice_px; ++x) {
+        const std::size_t cell = patch_.confidence.index(x, y);
+        if (!patch_.grid.exists(cell, 0) || !patch_.grid.exists(cell, 1)) return false;
+      }
+    return true;
+  }
+
   float squared_registration() const {
     return float(options_.registration_error_m) * float(options_.registration_error_m);
   }
 
-  // Samples of the tile's cells; the last row and column belong to the next tile.
-  void gather(const PatchTile& tile) {
-    samples_.clear();
-    for (int v = tile.v0; v < tile.v1; ++v)
-      for (int u = tile.u0; u < tile.u1; ++u) {
-        const std::size_t i = patch_.confidence.index(u, v);
-        if (!(patch_.confidence.pixels[i] > 0)) continue;
-        const float error = float(patch_.noise.sigma(double(patch_.view.range.pixels[i]))) *
-                            std::max(0.05f, float(patch_.incidence.pixels[i]) / 255);
-        samples_.push_back({patch_.point_in_view(i), std::uint32_t(i), patch_.confidence.pixels[i], error});
-      }
+  void gather(int u, int v) {
+    if (u >= patch_.grid.width || v >= patch_.grid.height) return;
+    const std::size_t i = patch_.confidence.index(u, v);
+    if (!(patch_.confidence.pixels[i] > 0)) return;
+    const float error = float(patch_.noise.sigma(double(patch_.view.range.pixels[i]))) *
+                        std::max(0.05f, float(patch_.incidence.pixels[i]) / 255);
+    samples_.push_back({patch_.point_in_view(i), std::uint32_t(i), patch_.confidence.pixels[i], error});
   }
 
   void ask(const Judge& judge, Sample& sample) const {
@@ -213,6 +252,7 @@ class TileClaims {
   Image<std::uint8_t>& claims_;
   Image<float>& shift_;
   std::vector<Sample> samples_;
+  std::unordered_map<std::uint32_t, Claim> lattice_;
 };
 
 // Connected samples of one claim that are fewer than `smallest` and border on the other claim change sides.

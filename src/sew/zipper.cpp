@@ -164,13 +164,24 @@ class Zipper::Impl::Step {
     return false;
   }
 
+  // Whether some of the chunk may lie where mending goes on.
+  bool may_focus(const Chunk& chunk) const {
+    if (!is_mending_) return true;
+    const CanvasPoint at = canvas_.project(chunk.center);
+    const float size = pixel_size_m(at);
+    if (!at.is_in || !(at.r > 2 * chunk.radius_m) || !(size > 0)) return true;
+    const float reach = 2 * chunk.radius_m / size;
+    return reach > float(w_) / 2 || is_in_focus(at.u - reach, at.u + reach, at.v - reach, at.v + reach);
+  }
+
   // ---- what the model covers already
   void mark_covered() {
     if (m_.chunks.empty()) return;
     const ViewCone cone = make_cone(patch_);
     std::vector<std::size_t> seen;
     for (std::size_t i = 0; i < m_.chunks.size(); ++i)
-      if (cone.can_see(canvas_.T_view_model() * m_.chunks[i].center, m_.chunks[i].radius_m)) seen.push_back(i);
+      if (cone.can_see(canvas_.T_view_model() * m_.chunks[i].center, m_.chunks[i].radius_m) && may_focus(m_.chunks[i]))
+        seen.push_back(i);
     std::vector<std::vector<Beneath>> beneath(seen.size());
     parallel_for(context_, seen.size(), 4, [&](std::size_t i) {
       const Chunk& chunk = m_.chunks[seen[i]];
