@@ -65,6 +65,13 @@ float ViewCanvas::tolerance(std::size_t pixel, float error_m) const {
   return along_normal / std::max(cosine, kLowestCosine);
 }
 
+float ViewCanvas::largest_tolerance(float range_m, float error_m) const {
+  const float sigma = range_m > 0 ? float(patch_.noise.sigma(double(range_m))) : 0.0f;
+  return (float(options_.noise_factor) * (sigma + error_m) +
+          kRegistrationFactor * float(options_.registration_error_m)) /
+         kLowestCosine;
+}
+
 float ViewCanvas::slope_slack(int u, int v) const {
   const float r = patch_.view.range.pixels[pixel(u, v)];
   float step = 0;

@@ -52,6 +52,8 @@ class ViewCanvas {
   /// Largest difference along the ray at which a surface with this expected error along its normal is still the one
   /// that the view measured in this pixel.
   float tolerance(std::size_t pixel, float error_m) const;
+  /// No tolerance at samples up to this range is larger.
+  float largest_tolerance(float range_m, float error_m) const;
   Agreement compare(const CanvasPoint& point, float error_m) const;
   /// Steps along u and v of the sample spacing, for slack between a sample and a point up to half a pixel off.
   float slope_slack(int u, int v) const;

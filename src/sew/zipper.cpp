@@ -27,7 +27,7 @@ constexpr float kWallStep_px = 0.25f;  // sampling of borders and of triangle in
 constexpr float kFlatness = 0.3f;
 // A sample this many tolerances from the model is still no new surface, but one that views disagree about.
 constexpr float kShadowFactor = 2;
-constexpr std::size_t kChunk = 2048;        // triangles that are culled together
+constexpr std::size_t kChunk = 256;         // triangles that are culled together
 constexpr double kFarFromOrigin_m = 100.0;  // floats hold a millimetre's hundredth up to here
 
 struct OpenEdge {
@@ -39,6 +39,7 @@ struct Chunk {
   std::size_t first, last;
   Eigen::Vector3f center;
   float radius_m;
+  float error_m;  // largest of its vertices
 };
 
 std::uint64_t undirected(std::uint32_t a, std::uint32_t b) {
@@ -164,38 +165,45 @@ class Zipper::Impl::Step {
     return false;
   }
 
-  // Whether some of the chunk may lie where mending goes on.
-  bool may_focus(const Chunk& chunk) const {
-    if (!is_mending_) return true;
+  // Whether some of the chunk may lie at the depth that the view measured, and where mending goes on.
+  bool may_matter(const Chunk& chunk) const {
     const CanvasPoint at = canvas_.project(chunk.center);
+    if (!at.is_in || !(at.r > 2 * chunk.radius_m)) return true;
     const float size = pixel_size_m(at);
-    if (!at.is_in || !(at.r > 2 * chunk.radius_m) || !(size > 0)) return true;
     const float reach = 2 * chunk.radius_m / size;
-    return reach > float(w_) / 2 || is_in_focus(at.u - reach, at.u + reach, at.v - reach, at.v + reach);
+    if (!(size > 0) || reach > float(w_) / 4) return true;
+    if (!is_in_focus(at.u - reach, at.u + reach, at.v - reach, at.v + reach)) return false;
+    return is_at_measured_depth(std::max(0, int(at.u - reach)), std::min(w_ - 1, int(at.u + reach)),
+                                std::max(0, int(at.v - reach)), std::min(h_ - 1, int(at.v + reach)),
+                                at.r - 2 * chunk.radius_m, at.r + 2 * chunk.radius_m, chunk.error_m);
   }
 
   // ---- what the model covers already
   void mark_covered() {
     if (m_.chunks.empty()) return;
+    find_depth_blocks();
     const ViewCone cone = make_cone(patch_);
     std::vector<std::size_t> seen;
     for (std::size_t i = 0; i < m_.chunks.size(); ++i)
-      if (cone.can_see(canvas_.T_view_model() * m_.chunks[i].center, m_.chunks[i].radius_m) && may_focus(m_.chunks[i]))
+      if (cone.can_see(canvas_.T_view_model() * m_.chunks[i].center, m_.chunks[i].radius_m) && may_matter(m_.chunks[i]))
         seen.push_back(i);
     std::vector<std::vector<Beneath>> beneath(seen.size());
-    parallel_for(context_, seen.size(), 4, [&](std::size_t i) {
+    parallel_for(context_, seen.size(), 32, [&](std::size_t i) {
       const Chunk& chunk = m_.chunks[seen[i]];
-      std::uint32_t cached[4] = {kInvalidIndex, kInvalidIndex, kInvalidIndex, kInvalidIndex};
-      CanvasPoint points[4];
+      // Neighbouring triangles share corners: each is projected about once.
+      constexpr std::uint32_t kCache = 512;
+      std::array<std::uint32_t, kCache> cached;
+      std::array<CanvasPoint, kCache> points;
+      cached.fill(kInvalidIndex);
       for (std::size_t t = chunk.first; t < chunk.last; ++t) {
         std::array<CanvasPoint, 3> p;
         for (std::size_t k = 0; k < 3; ++k) {
-          const std::uint32_t v = m_.mesh.triangles[t][k];
-          if (cached[v & 3] != v) {
-            cached[v & 3] = v;
-            points[v & 3] = canvas_.project(m_.mesh.positions_m[v]);
+          const std::uint32_t v = m_.mesh.triangles[t][k], slot = v % kCache;
+          if (cached[slot] != v) {
+            cached[slot] = v;
+            points[slot] = canvas_.project(m_.mesh.positions_m[v]);
           }
-          p[k] = points[v & 3];
+          p[k] = points[slot];
         }
         if (!patch_.grid.wraps || is_apart(p)) {
           cover(t, p, beneath[i]);
@@ -231,6 +239,41 @@ class Zipper::Impl::Step {
     return (s0 >= 0 && s1 >= 0 && s2 >= 0) || (s0 <= 0 && s1 <= 0 && s2 <= 0);
   }
 
+  // Ranges in blocks of the image, widened by the largest tolerance there: most of what a view could see of the model
+  // is hidden from it, and need not be drawn.
+  struct DepthBlock {
+    float low = 3e38f, high = 0;
+  };
+  static constexpr int kDepthBlock_px = 8;
+
+  void find_depth_blocks() {
+    depth_ = Image<DepthBlock>(w_ / kDepthBlock_px + 1, h_ / kDepthBlock_px + 1);
+    for (int v = 0; v < h_; ++v)
+      for (int u = 0; u < w_; ++u) {
+        const std::size_t pixel = canvas_.pixel(u, v);
+        const float r = patch_.view.range.pixels[pixel];
+        if (!(r > 0)) continue;
+        DepthBlock& block = depth_.at(u / kDepthBlock_px, v / kDepthBlock_px);
+        block.low = std::min(block.low, r);
+        block.high = std::max(block.high, r);
+      }
+    for (DepthBlock& block : depth_.pixels) {
+      const float slack = kShadowFactor * canvas_.largest_tolerance(block.high, 0);
+      block.low -= slack;
+      block.high += slack;
+    }
+  }
+
+  bool is_at_measured_depth(int u0, int u1, int v0, int v1, float low_r, float high_r, float error_m) const {
+    const float slack = kShadowFactor * canvas_.largest_tolerance(0, error_m);
+    for (int v = v0 / kDepthBlock_px; v <= v1 / kDepthBlock_px; ++v)
+      for (int u = u0 / kDepthBlock_px; u <= u1 / kDepthBlock_px; ++u) {
+        const DepthBlock& block = depth_.at(u, v);
+        if (low_r <= block.high + slack && high_r >= block.low - slack) return true;
+      }
+    return false;
+  }
+
   // A model triangle in a cell that the model's border passes through.
   struct Beneath {
     std::uint32_t cell, triangle;
@@ -242,16 +285,12 @@ class Zipper::Impl::Step {
     const auto [u_low, u_high] = std::minmax({p[0].u, p[1].u, p[2].u});
     const auto [v_low, v_high] = std::minmax({p[0].v, p[1].v, p[2].v});
     const float bulge = bulge_of(std::max(u_high - u_low, v_high - v_low));
+    const int u_first = std::max(0, int(std::floor(u_low - bulge))),
+              v_first = std::max(0, int(std::floor(v_low - bulge)));
+    const int u_last = std::min(w_ - 1, int(std::floor(u_high + bulge)));
+    const int v_last = std::min(h_ - 1, int(std::floor(v_high + bulge)));
+    if (u_first > u_last || v_first > v_last) return;
     if (!is_in_focus(u_low - bulge, u_high + bulge, v_low - bulge, v_high + bulge)) return;
-    for (int v = std::max(0, int(std::floor(v_low - bulge))); v <= std::min(h_ - 1, int(std::floor(v_high + bulge)));
-         ++v)
-      for (int u = std::max(0, int(std::floor(u_low - bulge))); u <= std::min(w_ - 1, int(std::floor(u_high + bulge)));
-           ++u)
-        if (cell_.at(u, v) && (!is_mending_ || focus_.at(u, v)))
-          beneath.push_back({std::uint32_t(cell_.index(u, v)), std::uint32_t(t)});
-    const int u0 = std::max(0, int(std::ceil(u_low - bulge))), u1 = std::min(w_ - 1, int(std::floor(u_high + bulge)));
-    const int v0 = std::max(0, int(std::ceil(v_low - bulge))), v1 = std::min(h_ - 1, int(std::floor(v_high + bulge)));
-    if (u0 > u1 || v0 > v1) return;
     const Triangle& corners = m_.mesh.triangles[t];
     int facing = 0;
     float error = 0;
@@ -260,6 +299,15 @@ class Zipper::Impl::Step {
       error = std::max(error, m_.error_m[v]);
     }
     if (facing < 2) return;
+    const float low_r = std::min({p[0].r, p[1].r, p[2].r}), high_r = std::max({p[0].r, p[1].r, p[2].r});
+    if (!is_at_measured_depth(u_first, u_last, v_first, v_last, low_r, high_r, error)) return;
+    for (int v = v_first; v <= v_last; ++v)
+      for (int u = u_first; u <= u_last; ++u)
+        if (cell_.at(u, v) && (!is_mending_ || focus_.at(u, v)))
+          beneath.push_back({std::uint32_t(cell_.index(u, v)), std::uint32_t(t)});
+    const int u0 = std::max(0, int(std::ceil(u_low - bulge))), u1 = u_last;
+    const int v0 = std::max(0, int(std::ceil(v_low - bulge))), v1 = v_last;
+    if (u0 > u1 || v0 > v1) return;
     const float area = turn(p[0], p[1], p[2]);
     if (area == 0) return;
     // The plane of the triangle, for the range where a pixel's ray meets it.
@@ -269,13 +317,13 @@ class Zipper::Impl::Step {
     const Eigen::Vector3f ac =
         canvas_.T_view_model().linear() * (m_.mesh.positions_m[corners[2]] - m_.mesh.positions_m[corners[0]]);
     const Eigen::Vector3f n = ab.cross(ac);
-    const float low_r = std::min({p[0].r, p[1].r, p[2].r}), high_r = std::max({p[0].r, p[1].r, p[2].r});
     const float sign = area > 0 ? 1.0f : -1.0f;
     const bool is_curved = bulge > 0 && canvas_.is_central();
     const std::array<Eigen::Vector3f, 3> corner = {a, a + ab, a + ac};
     for (int v = v0; v <= v1; ++v)
       for (int u = u0; u <= u1; ++u) {
         const std::size_t pixel = canvas_.pixel(u, v);
+        const float measured = patch_.view.range.pixels[pixel];
         if (!(patch_.confidence.pixels[pixel] > 0)) continue;
         const Eigen::Vector3f& d = patch_.rays->directions[pixel];
         if (is_curved) {
@@ -292,7 +340,7 @@ class Zipper::Impl::Step {
         float r = along != 0 ? n.dot(a - o) / along : low_r;
         r = std::clamp(r, low_r, high_r);
         const float slack = canvas_.tolerance(pixel, error);
-        const float difference = std::abs(patch_.view.range.pixels[pixel] - r);
+        const float difference = std::abs(measured - r);
         if (difference <= kShadowFactor * slack)
           std::atomic_ref<std::uint8_t>(sample_.at(u, v))
               .fetch_or(difference <= slack ? kCovered | kShadowed : kShadowed, std::memory_order_relaxed);
@@ -863,6 +911,7 @@ class Zipper::Impl::Step {
   std::vector<Wall> walls_, blocked_;
   std::vector<Beneath> beneath_;  // sorted
   Image<std::uint8_t> focus_, focus_tile_;
+  Image<DepthBlock> depth_;
   std::vector<Fence> fences_;
   std::vector<Local> locals_;
   std::vector<GridPoint> points_;
@@ -954,10 +1003,13 @@ void Zipper::Impl::find_border() {
 
 void Zipper::Impl::add_chunks(std::size_t begin) {
   for (std::size_t first = begin; first < mesh.triangles.size(); first += kChunk) {
-    Chunk chunk{first, std::min(first + kChunk, mesh.triangles.size()), Eigen::Vector3f::Zero(), 0};
+    Chunk chunk{first, std::min(first + kChunk, mesh.triangles.size()), Eigen::Vector3f::Zero(), 0, 0};
     Eigen::AlignedBox3f box;
     for (std::size_t t = chunk.first; t < chunk.last; ++t)
-      for (const std::uint32_t v : mesh.triangles[t]) box.extend(mesh.positions_m[v]);
+      for (const std::uint32_t v : mesh.triangles[t]) {
+        box.extend(mesh.positions_m[v]);
+        chunk.error_m = std::max(chunk.error_m, error_m[v]);
+      }
     chunk.center = box.center();
     chunk.radius_m = 0.5f * box.diagonal().norm();
     chunks.push_back(chunk);
