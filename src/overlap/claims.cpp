@@ -190,7 +190,7 @@ class TileClaims {
     const bool is_smooth = interpolate(other, at, between);
     const float behind = between - at.r;
     if (std::abs(behind) <= kDisagreement * along_normal / cosine + slack) {
-      if (!is_same_side(judge, sample)) return;
+      if (!is_same_side(judge, pixel, sample)) return;
       // Both errors are taken along the normal, where they mean the same for both views.
       const float off = behind * cosine, systematic = squared_registration();
       if (is_smooth && off * off <= kConsensusGate * kConsensusGate * (variance + systematic)) {
@@ -236,10 +236,12 @@ class TileClaims {
     return true;
   }
 
-  // Whether the other view looks at the side of the surface that this one measured.
-  bool is_same_side(const Judge& judge, const Sample& sample) const {
-    if (!judge.patch->rays->origins.empty() || !patch_.rays->origins.empty()) return true;
-    const Eigen::Vector3f turned = judge.R * sample.point, ray = turned + judge.t;
+  // Whether the other view, by its pixel, looks at the side of the surface that this one measured.
+  bool is_same_side(const Judge& judge, std::size_t pixel, const Sample& sample) const {
+    const bool is_central = patch_.rays->origins.empty(), is_judge_central = judge.patch->rays->origins.empty();
+    const Eigen::Vector3f turned = judge.R * (is_central ? sample.point : patch_.rays->directions[sample.pixel]);
+    const Eigen::Vector3f ray =
+        is_judge_central ? Eigen::Vector3f(judge.R * sample.point + judge.t) : judge.patch->rays->directions[pixel];
     const float alike = turned.dot(ray);
     if (alike > 0 && alike * alike > kSameSide * kSameSide * turned.squaredNorm() * ray.squaredNorm()) return true;
     const auto w = std::uint32_t(patch_.grid.width);

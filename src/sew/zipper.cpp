@@ -626,6 +626,13 @@ class Zipper::Impl::Step {
 
   void fill_gaps() {
     PlanarTriangulation made(points_);
+    longest_fence_.assign(points_.size(), 0);
+    for (const Fence& fence : fences_) {
+      const GridPoint &p = points_[fence.from], &q = points_[fence.to];
+      const float length = std::hypot(float(p.x - q.x), float(p.y - q.y)) / kGridPerPixel;
+      for (const std::uint32_t end : {fence.from, fence.to})
+        longest_fence_[end] = std::max(longest_fence_[end], length);
+    }
     for (std::size_t i = 0; i < fences_.size(); ++i) {
       if (made.constrain(fences_[i].from, fences_[i].to)) continue;
       if (i < walls_.size()) {
@@ -686,9 +693,10 @@ class Zipper::Impl::Step {
     for (int y = low_cell(y_low); y <= low_cell(y_high) + 1; ++y)
       for (int u = low_cell(x_low); u <= low_cell(x_high) + 1; ++u) {
         const std::int64_t px = std::int64_t(u) * one, py = std::int64_t(y) * one;
-        if (cross(a, b, px, py) < 0 || cross(b, c, px, py) < 0 || cross(c, a, px, py) < 0) continue;
+        const std::array<std::int64_t, 3> side = {cross(b, c, px, py), cross(c, a, px, py), cross(a, b, px, py)};
+        if (side[0] < 0 || side[1] < 0 || side[2] < 0) continue;
         const GridPoint here{u * one, y * one};
-        if (here == a || here == b || here == c) continue;
+        if (here == a || here == b || here == c || is_on_fence(face, side)) continue;
         const int v = patch_.grid.is_mirrored ? y : -y;
         if (u < 0 || v < 0 || u >= w_ || v >= h_) return false;
         if (!canvas_.has_sample(u, v)) return false;
@@ -724,6 +732,19 @@ class Zipper::Impl::Step {
         return false;
     }
     return true;
+  }
+
+  // Whether a point, by its doubled areas with the edges opposite the corners, lies on an edge that is a border: what
+  // covers it there is the triangle at the border's other side.
+  bool is_on_fence(const PlanarTriangulation::Face& face, const std::array<std::int64_t, 3>& side) const {
+    constexpr double kOn_px = 0.05;
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (!(face.constrained >> k & 1)) continue;
+      const GridPoint &p = points_[face.corner[(k + 1) % 3]], &q = points_[face.corner[(k + 2) % 3]];
+      const double length = std::hypot(double(p.x - q.x), double(p.y - q.y));
+      if (double(side[k]) < kOn_px * double(kGridPerPixel) * length) return true;
+    }
+    return false;
   }
 
   // Whether, in this image, the face lies over or under a model triangle that is the same surface.
@@ -804,12 +825,8 @@ class Zipper::Impl::Step {
   // Long edges come from a coarse border, not from across the view.
   bool is_as_long_as_border(const PlanarTriangulation::Face& face, float extent) const {
     float border = 0;
-    for (std::size_t k = 0; k < 3; ++k) {
-      if (!(face.constrained >> k & 1)) continue;
-      const GridPoint &p = points_[face.corner[(k + 1) % 3]], &q = points_[face.corner[(k + 2) % 3]];
-      border = std::max(border, std::hypot(float(p.x - q.x), float(p.y - q.y)) / kGridPerPixel);
-    }
-    return extent < 2 * border;
+    for (const std::uint32_t c : face.corner) border = std::max(border, longest_fence_[c]);
+    return extent < 1.5f * border;
   }
 
   // Whether the view measured a surface here, without a step, and about at this range.
@@ -915,6 +932,7 @@ class Zipper::Impl::Step {
   std::vector<Fence> fences_;
   std::vector<Local> locals_;
   std::vector<GridPoint> points_;
+  std::vector<float> longest_fence_;  // at each point, pixels
   std::vector<OpenEdge> new_border_, filled_edges_;
   std::size_t first_new_triangle_ = 0;
 };
