@@ -155,7 +155,7 @@ class Integration {
       const StepThreshold threshold = make_step_threshold(patch.view.sensor, patch.noise);
       patch.grid = triangulate(patch.view, *patch.rays, threshold, context_);
       measure_confidence(patch, threshold, context_);
-      report.triangles = patch.grid.alive_count();
+      report.triangles = patch.grid.triangle_count();
       stage.advance();
     });
   }

@@ -51,7 +51,7 @@ struct ViewReport {
   std::string name;
   std::uint64_t samples = 0;             ///< valid samples in the range image
   std::uint64_t triangles = 0;           ///< after triangulation
-  std::uint64_t triangles_in_model = 0;  ///< still alive at the end
+  std::uint64_t triangles_in_model = 0;  ///< that show this view, before the result is reduced
   double smoothing_sigma_factor = 1;     ///< share of the noise that smoothing left
   ClaimCounts claims;                    ///< of its samples
 };

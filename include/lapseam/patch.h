@@ -1,14 +1,13 @@
 #pragma once
 
 // A view on its way into the model: its samples, its implicit triangle mesh, and how well each sample was measured.
-// The mesh of a view is never stored as indices: one byte per grid cell says which triangles exist and which of them
-// are still alive; corners and neighbours follow from the grid.
+// The mesh of a view is never stored as indices: one byte per grid cell says which triangles exist; corners
+// and neighbours follow from the grid.
 
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <vector>
 
 #include "lapseam/image.h"
@@ -39,7 +38,6 @@ std::shared_ptr<const RayTable> make_ray_table(const Sensor& sensor);
 struct PatchGrid {
   static constexpr std::uint8_t kAntiDiagonal = 1;  ///< bit: which diagonal
   static constexpr std::uint8_t kExists = 2;        ///< bit of slot 0; slot 1 is the next
-  static constexpr std::uint8_t kAlive = 8;         ///< bit of slot 0; slot 1 is the next
 
   int width = 0, height = 0;  ///< samples
   bool wraps = false;
@@ -47,26 +45,16 @@ struct PatchGrid {
   std::vector<std::uint8_t> cells;  ///< width·height
 
   bool exists(std::size_t cell, int slot) const { return cells[cell] & (kExists << slot); }
-  bool is_alive(std::size_t cell, int slot) const { return cells[cell] & (kAlive << slot); }
-  bool has_alive(std::size_t cell) const { return cells[cell] & (kAlive | (kAlive << 1)); }
 
   /// Pixel indices of a triangle's corners, counter-clockwise seen from the sensor.
   std::array<std::uint32_t, 3> corners(std::size_t cell, int slot) const;
-  /// A triangle's place in the grid.
-  struct Place {
-    std::size_t cell;
-    int slot;
-  };
-  /// Where the triangle's neighbour across its edge between corner pixels p and q is, or would be if it existed;
-  /// nothing beyond the image.
-  std::optional<Place> neighbor_across(std::size_t cell, int slot, std::uint32_t p, std::uint32_t q) const;
-  std::size_t alive_count() const;
+  std::size_t triangle_count() const;
 };
 
 /// Everything known of one view while the model grows.
 struct Patch {
   View view;         ///< range already smoothed
-  NoiseModel noise;  ///< of the range as it is now
+  NoiseModel noise;  ///< of a single sample, before smoothing
   std::shared_ptr<const RayTable> rays;
   PatchGrid grid;
   Image<float> confidence;        ///< per sample; 1/m: inverse of the expected error; 0 where there is no triangle

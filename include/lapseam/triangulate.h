@@ -23,7 +23,7 @@ struct StepThreshold {
 };
 StepThreshold make_step_threshold(const Sensor& sensor, const NoiseModel& noise);
 
-/// The triangles of a view, all alive. Where four samples lie on one surface the diagonal shorter in 3D splits them;
+/// The triangles of a view. Where four samples lie on one surface the diagonal shorter in 3D splits them;
 /// where exactly three do, they make one triangle. Deterministic; about 20 ns per sample.
 PatchGrid triangulate(const View& view, const RayTable& rays, const StepThreshold& threshold, Context& context);
 

@@ -15,7 +15,7 @@ bool fill_sphere(const Patch& patch, PatchTile& tile) {
     for (int u = tile.u0; u < tile.u1; ++u) {
       const std::size_t cell = patch.confidence.index(u, v);
       for (int slot = 0; slot < 2; ++slot)
-        if (patch.grid.is_alive(cell, slot))
+        if (patch.grid.exists(cell, slot))
           for (const std::uint32_t p : patch.grid.corners(cell, slot)) box.extend(patch.point_in_view(p));
     }
   if (box.isEmpty()) return false;

@@ -17,7 +17,7 @@ struct PatchTile {
   Eigen::Vector3f center_in_view = Eigen::Vector3f::Zero();
   float radius_m = 0;
 };
-/// The tiles of a patch that have an alive triangle now.
+/// The tiles of a patch that have a triangle.
 std::vector<PatchTile> make_tiles(const Patch& patch);
 
 /// Everything a central sensor can see lies in this cone, between these ranges. Sensors with parallel or measured rays

@@ -44,35 +44,9 @@ std::array<std::uint32_t, 3> PatchGrid::corners(std::size_t cell, int slot) cons
   return c;
 }
 
-std::optional<PatchGrid::Place> PatchGrid::neighbor_across(std::size_t cell, int slot, std::uint32_t p,
-                                                           std::uint32_t q) const {
-  const auto w = std::size_t(width);
-  const std::size_t u = cell % w, v = cell / w;
-  const std::size_t right = u + 1 < w ? cell + 1 : cell - u;
-  const auto is_edge = [&](std::size_t x, std::size_t y) { return (p == x && q == y) || (p == y && q == x); };
-  const auto is_anti_cell = [&](std::size_t c) { return (cells[c] & PatchGrid::kAntiDiagonal) != 0; };
-  if (is_edge(cell, cell + w)) {  // left: the triangle with the right edge is always slot 1
-    if (u > 0) return Place{cell - 1, 1};
-    return wraps ? std::optional(Place{cell + w - 1, 1}) : std::nullopt;
-  }
-  if (is_edge(right, right + w)) {  // right: the triangle with the left edge is always slot 0
-    if (u + 1 < w) return Place{right, 0};
-    return wraps ? std::optional(Place{right, 0}) : std::nullopt;
-  }
-  if (is_edge(cell, right)) {  // top
-    if (v == 0) return std::nullopt;
-    return Place{cell - w, is_anti_cell(cell - w) ? 1 : 0};
-  }
-  if (is_edge(cell + w, right + w)) {  // bottom
-    if (v + 2 >= std::size_t(height)) return std::nullopt;
-    return Place{cell + w, is_anti_cell(cell + w) ? 0 : 1};
-  }
-  return Place{cell, 1 - slot};  // the diagonal
-}
-
-std::size_t PatchGrid::alive_count() const {
+std::size_t PatchGrid::triangle_count() const {
   std::size_t count = 0;
-  for (const std::uint8_t cell : cells) count += std::size_t((cell >> 3) & 1) + std::size_t((cell >> 4) & 1);
+  for (const std::uint8_t cell : cells) count += std::size_t((cell >> 1) & 1) + std::size_t((cell >> 2) & 1);
   return count;
 }
 

@@ -8,7 +8,7 @@
 
 namespace lapseam {
 
-/// Reads the patch's grid: only samples that are joined by triangles count, whether alive or not.
+/// Reads the patch's grid: only samples that are joined by triangles count.
 class WideNormal {
  public:
   explicit WideNormal(const Patch& patch) : patch_(patch), w_(patch.grid.width), h_(patch.grid.height) {}

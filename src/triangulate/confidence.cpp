@@ -21,12 +21,12 @@ constexpr int kAveraging_px = 8;
 constexpr int kBaseline_px = 3;
 constexpr int kTaps[] = {1, 2, 4};
 
-// Samples that no alive triangle uses have no say.
+// Samples that no triangle uses have no say.
 std::vector<std::uint8_t> mark_used_samples(const PatchGrid& grid) {
   std::vector<std::uint8_t> used(grid.cells.size(), 0);
   for (std::size_t cell = 0; cell < grid.cells.size(); ++cell)
     for (int slot = 0; slot < 2; ++slot)
-      if (grid.is_alive(cell, slot))
+      if (grid.exists(cell, slot))
         for (const std::uint32_t p : grid.corners(cell, slot)) used[p] = 1;
   return used;
 }

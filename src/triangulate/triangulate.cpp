@@ -85,8 +85,8 @@ class Triangulator {
       use_anti = int(anti0) + int(anti1) > int(main0) + int(main1);
     const bool slot0 = use_anti ? anti0 : main0, slot1 = use_anti ? anti1 : main1;
     std::uint8_t cell = use_anti ? PatchGrid::kAntiDiagonal : 0;
-    if (slot0) cell |= PatchGrid::kExists | PatchGrid::kAlive;
-    if (slot1) cell |= (PatchGrid::kExists | PatchGrid::kAlive) << 1;
+    if (slot0) cell |= PatchGrid::kExists;
+    if (slot1) cell |= PatchGrid::kExists << 1;
     if (slot0 || slot1) grid_.cells[range_.index(u, v)] = cell;
   }
 

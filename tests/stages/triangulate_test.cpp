@@ -26,7 +26,7 @@ View four_samples(float r00, float r10, float r01, float r11) {
 TEST(Triangulate, PlaneIsCoveredByTwoTrianglesPerCell) {
   const View view = test::make_view("plane", test::small_camera(), Eigen::Isometry3d::Identity(),
                                     test::plane({0, 0, 2}, Eigen::Vector3d(0.3, 0.2, 1).normalized()));
-  EXPECT_EQ(triangulate_view(view).alive_count(), 119u * 119u * 2u);
+  EXPECT_EQ(triangulate_view(view).triangle_count(), 119u * 119u * 2u);
 }
 
 TEST(Triangulate, GrazingPlaneIsOneSurface) {
@@ -34,11 +34,11 @@ TEST(Triangulate, GrazingPlaneIsOneSurface) {
   const double angle = 82 * M_PI / 180;
   const View view = test::make_view("grazing", test::small_camera(100, 3000), Eigen::Isometry3d::Identity(),
                                     test::plane({0, 0, 2}, {0, std::sin(angle), std::cos(angle)}));
-  EXPECT_EQ(triangulate_view(view).alive_count(), 99u * 99u * 2u);
+  EXPECT_EQ(triangulate_view(view).triangle_count(), 99u * 99u * 2u);
 }
 
 TEST(Triangulate, SixConfigurations) {
-  EXPECT_EQ(triangulate_view(four_samples(1, 1, 1, 1)).alive_count(), 2u);
+  EXPECT_EQ(triangulate_view(four_samples(1, 1, 1, 1)).triangle_count(), 2u);
   // The farther corner makes its diagonal longer, so the other one splits the cell.
   EXPECT_EQ(triangulate_view(four_samples(1.01f, 1, 1, 1)).cells[0] & PatchGrid::kAntiDiagonal,
             PatchGrid::kAntiDiagonal);
@@ -49,11 +49,11 @@ TEST(Triangulate, SixConfigurations) {
       std::array<float, 4> r = {1, 1, 1, 1};
       r[std::size_t(missing)] = other;
       const PatchGrid grid = triangulate_view(four_samples(r[0], r[1], r[2], r[3]));
-      ASSERT_EQ(grid.alive_count(), 1u) << missing;
-      for (const std::uint32_t corner : grid.corners(0, grid.is_alive(0, 0) ? 0 : 1)) EXPECT_NE(int(corner), missing);
+      ASSERT_EQ(grid.triangle_count(), 1u) << missing;
+      for (const std::uint32_t corner : grid.corners(0, grid.exists(0, 0) ? 0 : 1)) EXPECT_NE(int(corner), missing);
     }
-  EXPECT_EQ(triangulate_view(four_samples(1, 1, 1.5f, 1.5f)).alive_count(), 0u);
-  EXPECT_EQ(triangulate_view(four_samples(1, 0, 0, 1)).alive_count(), 0u);
+  EXPECT_EQ(triangulate_view(four_samples(1, 1, 1.5f, 1.5f)).triangle_count(), 0u);
+  EXPECT_EQ(triangulate_view(four_samples(1, 0, 0, 1)).triangle_count(), 0u);
 }
 
 TEST(Triangulate, StepIsNotBridged) {
@@ -63,19 +63,19 @@ TEST(Triangulate, StepIsNotBridged) {
   const PatchGrid grid = triangulate_view(view);
   for (std::size_t cell = 0; cell < grid.cells.size(); ++cell)
     for (int slot = 0; slot < 2; ++slot)
-      if (grid.is_alive(cell, slot)) {
+      if (grid.exists(cell, slot)) {
         const auto c = grid.corners(cell, slot);
         EXPECT_NEAR(view.range.pixels[c[0]], view.range.pixels[c[1]], 0.1);
         EXPECT_NEAR(view.range.pixels[c[0]], view.range.pixels[c[2]], 0.1);
       }
-  EXPECT_GT(grid.alive_count(), 100u * 100u * 2u);
+  EXPECT_GT(grid.triangle_count(), 100u * 100u * 2u);
 }
 
 TEST(Triangulate, NoiseDoesNotTearAPlane) {
   const double sigma = 0.02;
   const View view = test::make_view("noisy", test::small_camera(), Eigen::Isometry3d::Identity(),
                                     test::plane({0, 0, 3}, {0, 0, 1}), sigma);
-  const double share = double(triangulate_view(view, {sigma, 0, 0, 0}).alive_count()) / (119.0 * 119.0 * 2.0);
+  const double share = double(triangulate_view(view, {sigma, 0, 0, 0}).triangle_count()) / (119.0 * 119.0 * 2.0);
   EXPECT_GT(share, 0.99);
 }
 
@@ -90,10 +90,10 @@ TEST(Triangulate, TrianglesFaceTheSensor) {
         test::make_view("s", sensor, Eigen::Isometry3d::Identity(), test::box_room({-1, -2, -1.5}, {2, 1, 1.2}));
     const auto rays = make_ray_table(sensor);
     const PatchGrid grid = triangulate_view(view);
-    ASSERT_GT(grid.alive_count(), 1000u);
+    ASSERT_GT(grid.triangle_count(), 1000u);
     for (std::size_t cell = 0; cell < grid.cells.size(); ++cell)
       for (int slot = 0; slot < 2; ++slot)
-        if (grid.is_alive(cell, slot)) {
+        if (grid.exists(cell, slot)) {
           const auto c = grid.corners(cell, slot);
           std::array<Eigen::Vector3f, 3> p;
           for (std::size_t k = 0; k < 3; ++k) p[k] = rays->point(c[k], view.range.pixels[c[k]]);
@@ -106,7 +106,7 @@ TEST(Triangulate, TrianglesFaceTheSensor) {
 TEST(Triangulate, PanoramaClosesOnItself) {
   const Sensor sensor = SphericalSensor::from_limits(90, 30, -M_PI, M_PI, 0.8, -0.8);
   const View view = test::make_view("pano", sensor, Eigen::Isometry3d::Identity(), test::sphere({0, 0, 0}, 2));
-  EXPECT_EQ(triangulate_view(view).alive_count(), 90u * 29u * 2u);
+  EXPECT_EQ(triangulate_view(view).triangle_count(), 90u * 29u * 2u);
 }
 
 }  // namespace
