@@ -46,6 +46,12 @@ std::uint64_t undirected(std::uint32_t a, std::uint32_t b) {
   return a < b ? std::uint64_t(a) << 32 | b : std::uint64_t(b) << 32 | a;
 }
 
+// Sides of one edge next to each other.
+bool is_before(const OpenEdge& x, const OpenEdge& y) {
+  const std::uint64_t kx = undirected(x.a, x.b), ky = undirected(y.a, y.b);
+  return kx != ky ? kx < ky : x.triangle < y.triangle;
+}
+
 }  // namespace
 
 struct Zipper::Impl {
@@ -318,7 +324,7 @@ class Zipper::Impl::Step {
         canvas_.T_view_model().linear() * (m_.mesh.positions_m[corners[2]] - m_.mesh.positions_m[corners[0]]);
     const Eigen::Vector3f n = ab.cross(ac);
     const float sign = area > 0 ? 1.0f : -1.0f;
-    const bool is_curved = bulge > 0 && canvas_.is_central();
+    const bool is_curved = bulge > 0;
     const std::array<Eigen::Vector3f, 3> corner = {a, a + ab, a + ac};
     for (int v = v0; v <= v1; ++v)
       for (int u = u0; u <= u1; ++u) {
@@ -371,7 +377,6 @@ class Zipper::Impl::Step {
   }
 
   void find_walls() {
-    std::vector<WallKind> kind(m_.open.size());
     constexpr std::size_t kBlock = 4096;
     const std::size_t blocks = (m_.open.size() + kBlock - 1) / kBlock;
     std::vector<std::vector<Wall>> walls(blocks), blocked(blocks);
@@ -882,10 +887,7 @@ class Zipper::Impl::Step {
     for (std::size_t i = 0; i < m_.open.size(); ++i) (is_wall[i] ? edges : still_open).push_back(m_.open[i]);
     edges.insert(edges.end(), new_border_.begin(), new_border_.end());
     edges.insert(edges.end(), filled_edges_.begin(), filled_edges_.end());
-    std::sort(edges.begin(), edges.end(), [](const OpenEdge& x, const OpenEdge& y) {
-      const std::uint64_t kx = undirected(x.a, x.b), ky = undirected(y.a, y.b);
-      return kx != ky ? kx < ky : x.triangle < y.triangle;
-    });
+    std::sort(edges.begin(), edges.end(), is_before);
     for (std::size_t i = 0; i < edges.size();) {
       const std::uint64_t key = undirected(edges[i].a, edges[i].b);
       std::size_t end = i + 1;
@@ -998,10 +1000,7 @@ void Zipper::Impl::find_border() {
   edges.reserve(mesh.triangle_count() * 3);
   for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t)
     for (std::size_t k = 0; k < 3; ++k) edges.push_back({mesh.triangles[t][k], mesh.triangles[t][(k + 1) % 3], t});
-  std::sort(edges.begin(), edges.end(), [](const OpenEdge& x, const OpenEdge& y) {
-    const std::uint64_t kx = undirected(x.a, x.b), ky = undirected(y.a, y.b);
-    return kx != ky ? kx < ky : x.triangle < y.triangle;
-  });
+  std::sort(edges.begin(), edges.end(), is_before);
   open.clear();
   std::vector<std::uint8_t> on_border(mesh.vertex_count(), 0);
   for (std::size_t i = 0; i < edges.size(); ++i) {

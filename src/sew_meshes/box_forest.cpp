@@ -8,15 +8,6 @@ namespace {
 
 constexpr std::size_t kPending = 64;  // boxes that are searched one by one
 
-/// Spreads the low 21 bits of x to every third bit.
-std::uint64_t spread_bits(std::uint64_t x) {
-  x = (x | x << 32) & 0x1F00000000FFFFull;
-  x = (x | x << 16) & 0x1F0000FF0000FFull;
-  x = (x | x << 8) & 0x100F00F00F00F00Full;
-  x = (x | x << 4) & 0x10C30C30C30C30C3ull;
-  return (x | x << 2) & 0x1249249249249249ull;
-}
-
 }  // namespace
 
 BoxForest::Tree::Tree(std::vector<BoxEntry> unsorted) {

@@ -2,23 +2,12 @@
 
 // Boxes that can be searched while more of them are added.
 
-#include <Eigen/Core>
 #include <cstdint>
 #include <vector>
 
+#include "spatial/box.h"
+
 namespace lapseam {
-
-struct Box {
-  Eigen::Vector3f low = Eigen::Vector3f::Constant(3.0e38f);
-  Eigen::Vector3f high = Eigen::Vector3f::Constant(-3.0e38f);
-
-  void extend(const Eigen::Vector3f& p) { low = low.cwiseMin(p), high = high.cwiseMax(p); }
-  void extend(const Box& box) { low = low.cwiseMin(box.low), high = high.cwiseMax(box.high); }
-  bool overlaps(const Box& o) const {
-    return low.x() <= o.high.x() && o.low.x() <= high.x() && low.y() <= o.high.y() && o.low.y() <= high.y() &&
-           low.z() <= o.high.z() && o.low.z() <= high.z();
-  }
-};
 
 struct BoxEntry {
   Box box;
