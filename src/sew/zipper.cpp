@@ -953,6 +953,7 @@ Zipper::Zipper(std::span<const Patch> patches, const OverlapOptions& options) : 
 Zipper::~Zipper() = default;
 
 void Zipper::Impl::add(std::uint32_t index, const Image<std::uint8_t>& wanted, bool is_mending, Context& context) {
+  if (patches[index].grid.width < 2 || patches[index].grid.height < 2) return;  // no cell, no triangle
   // A panorama is cut somewhere; every second time on the other side, so that the cut is closed too.
   const bool turns = patches[index].grid.wraps && (times_added[index] & 1);
   ++times_added[index];

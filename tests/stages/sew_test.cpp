@@ -99,6 +99,21 @@ TEST(Zipper, NothingToMendNothingDone) {
   EXPECT_EQ(zipper.mesh().triangle_count(), 0u);
 }
 
+TEST(Zipper, ViewsWithoutACellAddNothing) {
+  Context context(1);
+  const test::Shape wall = test::plane({0, 0, 0}, {0, 0, 1});
+  auto patches = two_views_of(wall, context);
+  PinholeSensor line = test::small_camera();
+  line.width = 1;
+  patches.push_back(
+      test::make_patch(test::make_view("line", line, test::look_at({0, 0, 2}, {0, 0, 0}), wall), kNoise, context));
+  Zipper zipper(patches, {});
+  zipper.add(0, everything(patches[0]), context);
+  const std::size_t triangles = zipper.mesh().triangle_count();
+  zipper.add(2, everything(patches[2]), context);
+  EXPECT_EQ(zipper.mesh().triangle_count(), triangles);
+}
+
 TEST(SplitPinchedVertices, TwoTrianglesThatTouchInAPoint) {
   Mesh mesh;
   mesh.positions_m = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {-1, 0, 0}, {0, -1, 0}};
