@@ -5,6 +5,7 @@
 
 #include "core/parallel.h"
 #include "health/self_intersection.h"
+#include "lapseam/close_cracks.h"
 #include "lapseam/error.h"
 #include "lapseam/integrate.h"
 #include "lapseam/io.h"
@@ -201,6 +202,8 @@ class Integration {
     Mesh& mesh = result_.mesh;
     StageScope stage(context_, "clean");
     result_.report.triangles_in_small_components = remove_small_components(mesh, options_.smallest_component);
+    result_.report.cracks = close_cracks(mesh, patches_, overlap_, context_);
+    result_.report.triangles_in_small_components += remove_small_components(mesh, options_.smallest_component);
     result_.report.pinched_vertices_split = split_pinched_vertices(mesh);
     for (ViewReport& view : result_.report.views) view.triangles_in_model = 0;
     for (std::uint32_t& view : mesh.triangle_view) {

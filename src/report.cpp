@@ -61,6 +61,7 @@ std::string to_json(const IntegrateReport& report, const Context& context) {
                  {"self_intersecting_triangles_removed", report.self_intersecting_triangles_removed},
                  {"pinched_vertices_split", report.pinched_vertices_split},
                  {"triangles_in_small_components", report.triangles_in_small_components}};
+  json["cracks"] = Json::parse(to_json(report.cracks));
   json["fill_holes"] = Json::parse(to_json(report.fill_holes));
   json["triangles_before_reduction"] = report.triangles_before_reduction;
   json["atlas"] = {{"charts", report.atlas.charts},

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "lapseam/close_cracks.h"
 #include "lapseam/fill_holes.h"
 #include "lapseam/health.h"
 #include "lapseam/mesh.h"
@@ -73,6 +74,7 @@ struct IntegrateReport {
   double registration_error_m = 0;
   ZipperReport zipper;
   std::uint64_t self_intersecting_triangles_removed = 0;  ///< over all rounds of mending
+  CloseCracksReport cracks;
   std::uint64_t pinched_vertices_split = 0;
   std::uint64_t triangles_in_small_components = 0;
   FillHolesReport fill_holes;

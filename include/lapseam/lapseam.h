@@ -3,6 +3,7 @@
 // Everything, for those who do not mind compile time.
 
 #include "lapseam/boundary.h"
+#include "lapseam/close_cracks.h"
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "lapseam/evaluate.h"

@@ -20,7 +20,7 @@ namespace lapseam {
 namespace {
 
 constexpr float kGridPerPixel = 1024;  // resolution of the planar triangulation
-constexpr float kNearWall_px = 0.6f;   // samples nearer to the model's border than this would make slivers
+constexpr float kNearWall_px = 0.3f;   // samples nearer to the model's border than this would make slivers
 constexpr float kLongest_px = 6;       // edges of seams, unless the border itself has longer ones
 constexpr float kWallStep_px = 0.25f;  // sampling of borders and of triangle interiors
 // A sample may be left out when it is this close to the surface without it, in standard deviations of its range.
@@ -842,7 +842,7 @@ class Zipper::Impl::Step {
     const float s = u - float(x), t = v - float(y);
     const bool is_anti = (grid_cell(x, y) & PatchGrid::kAntiDiagonal) != 0;
     const int slot = is_anti ? (s + t > 1 ? 1 : 0) : (s > t ? 1 : 0);
-    if (!exists(x, y, slot)) return false;
+    if (!exists(x, y, slot)) return is_in_footprint(u, v, range, error_m);
     const auto at = [&](int i, int j) { return patch_.view.range.pixels[canvas_.pixel(x + i, y + j)]; };
     float measured;
     if (is_anti)
@@ -857,6 +857,14 @@ class Zipper::Impl::Step {
                                   std::abs(at(1, 1) - at(0, 1)), std::abs(at(1, 1) - at(1, 0))});
     const float slack = exists(x, y, 0) && exists(x, y, 1) ? slope : 0.0f;
     return std::abs(measured - range) <= canvas_.tolerance(nearest, error_m) + slack;
+  }
+
+  // Beyond the triangles of the outline: a sample stands for half a spacing around it.
+  bool is_in_footprint(float u, float v, float range, float error_m) const {
+    const int x = int(std::lround(u)), y = int(std::lround(v));
+    if (!canvas_.has_sample(x, y)) return false;
+    const std::size_t nearest = canvas_.pixel(x, y);
+    return std::abs(patch_.view.range.pixels[nearest] - range) <= canvas_.tolerance(nearest, error_m);
   }
 
   void add_face(const PlanarTriangulation::Face& face) {

@@ -1,0 +1,158 @@
+#include "lapseam/close_cracks.h"
+
+#include <gtest/gtest.h>
+
+#include "lapseam/context.h"
+#include "lapseam/error.h"
+#include "lapseam/health.h"
+#include "support/analytic_views.h"
+#include "support/expect_valid_mesh.h"
+#include "support/joined.h"
+
+namespace lapseam {
+namespace {
+
+constexpr NoiseModel kNoise{0.002, 0, 0, 0};
+
+View view_of(const test::Shape& shape, double x) {
+  return test::make_view("v", test::small_camera(), test::look_at({x, 0.02, 2}, {2 * x, 0, 0}), shape);
+}
+
+test::Joined plane_from_two_views(Context& context) {
+  const test::Shape plane = test::plane({0, 0, 0}, {0, 0, 1});
+  return test::join({view_of(plane, -0.1), view_of(plane, 0.15)}, kNoise, context);
+}
+
+Eigen::Vector3f middle_of(const Mesh& mesh, std::size_t t) {
+  const Triangle& c = mesh.triangles[t];
+  return (mesh.positions_m[c[0]] + mesh.positions_m[c[1]] + mesh.positions_m[c[2]]) / 3;
+}
+
+/// Takes away the triangles around a point; how many went.
+std::size_t punch(Mesh& mesh, const Eigen::Vector3f& at, float radius_m) {
+  std::vector<std::uint8_t> keep(mesh.triangle_count(), 1);
+  std::size_t removed = 0;
+  for (std::size_t t = 0; t < keep.size(); ++t)
+    if ((middle_of(mesh, t) - at).norm() < radius_m) keep[t] = 0, ++removed;
+  mesh = compact(mesh, keep);
+  return removed;
+}
+
+double area_of(const Mesh& mesh) {
+  double area = 0;
+  for (const Triangle& t : mesh.triangles) {
+    const auto& p = mesh.positions_m;
+    area += 0.5 * double((p[t[1]] - p[t[0]]).cross(p[t[2]] - p[t[0]]).norm());
+  }
+  return area;
+}
+
+TEST(CloseCracks, ClosesWhatViewsMeasured) {
+  Context context(2);
+  test::Joined joined = plane_from_two_views(context);
+  const double before = area_of(joined.mesh);
+  const std::uint64_t loops = check_health(joined.mesh, {}, context).boundary_loops;
+  ASSERT_GT(punch(joined.mesh, {0.05f, 0.02f, 0}, 0.15f), 2u);
+  ASSERT_LT(area_of(joined.mesh), before);
+  ASSERT_EQ(check_health(joined.mesh, {}, context).boundary_loops, loops + 1);
+  const CloseCracksReport report = close_cracks(joined.mesh, joined.patches, {}, context);
+  EXPECT_EQ(report.loops_closed, 1u);
+  expect_valid_mesh(joined.mesh);
+  EXPECT_EQ(check_health(joined.mesh, {}, context).boundary_loops, loops);
+  // The plane is flat: whatever the triangulation, its area is that of the hole.
+  EXPECT_NEAR(area_of(joined.mesh), before, 1e-4 * before);
+}
+
+TEST(CloseCracks, WhatNobodyMeasuredStaysOpen) {
+  Context context(2);
+  const test::Shape plane = test::plane({0, 0, 0}, {0, 0, 1});
+  std::vector<View> views = {view_of(plane, -0.1), view_of(plane, 0.15)};
+  // A hole in the measurements of both views around one spot.
+  for (View& view : views)
+    for (int v = 0; v < view.range.height; ++v)
+      for (int u = 0; u < view.range.width; ++u) {
+        const Eigen::Vector3d p = view.T_world_view * unproject(view.sensor, u, v, double(view.range.at(u, v)));
+        if ((p - Eigen::Vector3d(0.05, 0.02, 0)).norm() < 0.08) view.range.at(u, v) = kInvalidRange;
+      }
+  test::Joined joined = test::join(views, kNoise, context);
+  const std::uint64_t loops = check_health(joined.mesh, {}, context).boundary_loops;
+  ASSERT_GE(loops, 2u);
+  EXPECT_EQ(close_cracks(joined.mesh, joined.patches, {}, context).loops_closed, 0u);
+  EXPECT_EQ(check_health(joined.mesh, {}, context).boundary_loops, loops);
+}
+
+TEST(CloseCracks, OneOfTwoLayersGoesAtTheBorder) {
+  Context context(2);
+  test::Joined joined = plane_from_two_views(context);
+  // A copy of some triangles, a fifth of the noise above them: a flap that sewing would have left.
+  Mesh& mesh = joined.mesh;
+  const auto first = std::uint32_t(mesh.vertex_count());
+  std::vector<std::uint32_t> copy(first, kInvalidIndex);
+  std::size_t flap = 0;
+  for (std::size_t t = 0, end = mesh.triangle_count(); t < end; ++t) {
+    if ((middle_of(mesh, t) - Eigen::Vector3f(0.05f, 0.02f, 0)).norm() > 0.15f) continue;
+    Triangle c = mesh.triangles[t];
+    for (std::uint32_t& v : c) {
+      if (copy[v] == kInvalidIndex) {
+        copy[v] = std::uint32_t(mesh.vertex_count());
+        mesh.positions_m.push_back(mesh.positions_m[v] + Eigen::Vector3f(0.001f, 0.001f, 0.0004f));
+        mesh.vertex_view.push_back(mesh.vertex_view[v]);
+        mesh.vertex_pixel.push_back(mesh.vertex_pixel[v]);
+      }
+      v = copy[v];
+    }
+    mesh.triangles.push_back(c);
+    mesh.triangle_view.push_back(mesh.triangle_view[t]);
+    mesh.triangle_tag.push_back(TriangleTag::kSeam);
+    ++flap;
+  }
+  ASSERT_GT(flap, 4u);
+  const CloseCracksReport report = close_cracks(mesh, joined.patches, {}, context);
+  EXPECT_EQ(report.covered_triangles_removed, flap);
+  for (const Eigen::Vector3f& p : mesh.positions_m) EXPECT_LT(std::abs(p.z()), 1e-5f);
+}
+
+TEST(CloseCracks, TwoSidesOfASheetBothStay) {
+  // Half a millimetre thick, seen from above and from below.
+  Context context(2);
+  const test::Shape top = test::plane({0, 0, 0.0005}, {0, 0, 1}), bottom = test::plane({0, 0, 0}, {0, 0, -1});
+  std::vector<View> views = {view_of(top, 0)};
+  views.push_back(test::make_view("below", test::small_camera(), test::look_at({0, 0.02, -2}, {0, 0, 0}), bottom));
+  test::Joined joined = test::join(views, kNoise, context);
+  const std::size_t triangles = joined.mesh.triangle_count();
+  EXPECT_EQ(close_cracks(joined.mesh, joined.patches, {}, context).covered_triangles_removed, 0u);
+  EXPECT_EQ(joined.mesh.triangle_count(), triangles);
+}
+
+TEST(CloseCracks, SameForAnyThreads) {
+  Context first_context(1);
+  test::Joined joined = plane_from_two_views(first_context);
+  punch(joined.mesh, {0.05f, 0.02f, 0}, 0.1f);
+  punch(joined.mesh, {-0.2f, 0.15f, 0}, 0.08f);
+  Mesh expected = joined.mesh;
+  close_cracks(expected, joined.patches, {}, first_context);
+  for (const int threads : {2, 3, 8}) {
+    Context context(threads);
+    Mesh mesh = joined.mesh;
+    close_cracks(mesh, joined.patches, {}, context);
+    EXPECT_EQ(mesh.triangles, expected.triangles) << threads;
+    EXPECT_EQ(mesh.positions_m, expected.positions_m) << threads;
+  }
+}
+
+TEST(CloseCracks, CancelStops) {
+  Context context(2);
+  test::Joined joined = plane_from_two_views(context);
+  context.cancel();
+  EXPECT_THROW(close_cracks(joined.mesh, joined.patches, {}, context), Cancelled);
+}
+
+TEST(CloseCracks, EmptyMeshStaysEmpty) {
+  Context context(1);
+  Mesh mesh;
+  EXPECT_EQ(close_cracks(mesh, {}, {}, context).loops_closed, 0u);
+  EXPECT_TRUE(mesh.triangles.empty());
+}
+
+}  // namespace
+}  // namespace lapseam
