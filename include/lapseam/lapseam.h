@@ -4,6 +4,7 @@
 
 #include "lapseam/boundary.h"
 #include "lapseam/context.h"
+#include "lapseam/convert.h"
 #include "lapseam/error.h"
 #include "lapseam/evaluate.h"
 #include "lapseam/evaluate_views.h"
@@ -26,6 +27,7 @@
 #include "lapseam/smooth.h"
 #include "lapseam/survey.h"
 #include "lapseam/texture.h"
+#include "lapseam/tileset.h"
 #include "lapseam/triangulate.h"
 #include "lapseam/version.h"
 #include "lapseam/view.h"
