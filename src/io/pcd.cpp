@@ -10,6 +10,7 @@
 
 #include "io/output_file.h"
 #include "io/text_scan.h"
+#include "lapseam/io.h"
 
 namespace lapseam {
 namespace {
@@ -137,6 +138,9 @@ class HeaderParser {
       header_.record_bytes += std::size_t(field.size) * field.count;
       if (field.type == 'F' && field.size < 4) source_.refuse("SIZE", "of a float must be 4 or 8");
     }
+    // Each is below 2^30, so that their product is one of 64 bits.
+    if (header_.width * header_.height > std::int64_t(kMaxPixels))
+      source_.refuse("WIDTH", "times HEIGHT is over 2^30 points");
     if (header_.points >= 0 && header_.points != header_.width * header_.height)
       source_.refuse("POINTS", "is not WIDTH times HEIGHT");
     for (const char* name : {"x", "y", "z"})

@@ -92,8 +92,15 @@ TEST(Pcd, HostileFiles) {
     expect_refused([&] { load_view(read_scene(folder / "b.pcd", {}, context).views.at(0)); }, words);
   };
   expect_bad(header("binary") + std::string(100, 'x'), {"b.pcd", "DATA", "fewer points"});
-  expect_bad(header("binary", "WIDTH 1073741824\nHEIGHT 1073741824\n"), {"b.pcd", "POINTS"});
+  expect_bad(header("binary", "WIDTH 1073741824\nHEIGHT 1073741824\n"), {"b.pcd", "WIDTH"});
   expect_bad(header("binary", "WIDTH 99999999999999\nHEIGHT 5\n"), {"b.pcd", "WIDTH"});
+  // The number of bytes would be 2^64, that is none.
+  expect_bad(
+      "VERSION .7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 1073741824\nHEIGHT "
+      "1073741824\nDATA "
+      "binary_compressed\n" +
+          std::string(8, '\0'),
+      {"b.pcd", "WIDTH", "2^30"});
   expect_bad(header("lzma"), {"b.pcd", "DATA", "ascii"});
   expect_bad(header("ascii") + "1 2 x", {"b.pcd", "DATA"});
   const std::uint32_t sizes[2] = {4, 480};
