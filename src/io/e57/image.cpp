@@ -14,7 +14,8 @@ std::optional<Sensor> camera_of(const E57Image& image) {
   if (image.kind == E57Image::Kind::kPinhole) {
     const double fx = image.focal_m / image.pixel_width, fy = image.focal_m / image.pixel_height;
     if (!(fx > 0 && fy > 0 && std::isfinite(fx + fy + image.principal_x + image.principal_y))) return std::nullopt;
-    return PinholeSensor{image.width, image.height, fx, fy, image.principal_x, image.principal_y, {}};
+    // Skyboxes have their principal points at half their width: the first pixel begins at 0.
+    return PinholeSensor{image.width, image.height, fx, fy, image.principal_x - 0.5, image.principal_y - 0.5, {}};
   }
   if (image.kind == E57Image::Kind::kSpherical) {
     const double half_width = image.width * image.pixel_width / 2, half_height = image.height * image.pixel_height / 2;

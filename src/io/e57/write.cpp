@@ -370,8 +370,8 @@ class E57Writer : public SceneWriter {
     images_.real("focalLength", 1);
     images_.real("pixelWidth", 1 / pinhole->fx);
     images_.real("pixelHeight", 1 / pinhole->fy);
-    images_.real("principalPointX", pinhole->cx);
-    images_.real("principalPointY", pinhole->cy);
+    images_.real("principalPointX", pinhole->cx + 0.5);
+    images_.real("principalPointY", pinhole->cy + 0.5);
     images_.close("pinholeRepresentation");
     images_.close("vectorChild");
   }
