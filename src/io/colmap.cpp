@@ -272,7 +272,7 @@ Scene read_colmap(const fs::path& folder, const ReadSceneOptions& options, Conte
     read_images_text({layout.model / "images.txt", {}}, model);
   }
   SceneBuilder builder(folder, options, context);
-  builder.set_name(fs::weakly_canonical(folder).filename().string());
+  builder.set_name(resolved_path(folder).filename().string());
   std::size_t without_depth = 0;
   for (const CameraPose& image : model.images) {
     fs::path depth;

@@ -1,5 +1,6 @@
 #include "io/line_reader.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <system_error>
@@ -9,10 +10,18 @@ namespace {
 
 constexpr std::size_t kBufferBytes = std::size_t(1) << 20, kLongestLine = 1 << 16;
 
+/// One byte more than a small file, so that its end shows as a buffer that is not full.
+std::size_t choose_buffer_bytes(const std::filesystem::path& file) {
+  return std::size_t(std::min<std::uint64_t>(kBufferBytes, file_size_bytes(file) + 1));
+}
+
 }  // namespace
 
 LineReader::LineReader(const Source& source, std::uint64_t offset)
-    : source_(source), file_(std::fopen(source.file.c_str(), "rb")), buffer_(kBufferBytes), buffer_offset_(offset) {
+    : source_(source),
+      file_(std::fopen(source.file.c_str(), "rb")),
+      buffer_(choose_buffer_bytes(source.file)),
+      buffer_offset_(offset) {
   if (!file_ || fseeko(file_.get(), off_t(offset), SEEK_SET) != 0)
     throw IoError(source.file, "cannot read: " + std::generic_category().message(errno));
 }

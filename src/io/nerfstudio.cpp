@@ -124,7 +124,7 @@ Scene read_nerfstudio(const std::filesystem::path& file, const ReadSceneOptions&
   if (!document.is_object() || !document.contains("frames") || !document["frames"].is_array())
     source.refuse("frames", "expected a list [ ] of frames");
   SceneBuilder builder(file, options, context);
-  builder.set_name(std::filesystem::weakly_canonical(file).parent_path().filename().string());
+  builder.set_name(resolved_path(file).parent_path().filename().string());
   const json& frames = document["frames"];
   for (std::size_t i = 0; i < frames.size(); ++i) builder.add([&] { return make_view(file, document, frames[i], i); });
   return builder.finish();

@@ -343,7 +343,7 @@ Scene read_pcd_files(const std::filesystem::path& folder, const std::vector<std:
                      const ReadSceneOptions& options, Context& context) {
   const std::filesystem::path path = names.size() == 1 ? folder / names.front() : folder;
   SceneBuilder builder(path, options, context);
-  builder.set_name(std::filesystem::weakly_canonical(path).stem().string());
+  builder.set_name(resolved_path(path).stem().string());
   for (const std::string& name : names) {
     builder.add([&] {
       ViewDraft draft;

@@ -97,7 +97,7 @@ bool is_redwood_folder(const fs::path& folder) {
 
 Scene read_redwood(const fs::path& folder, const ReadSceneOptions& options, Context& context) {
   SceneBuilder builder(folder, options, context);
-  builder.set_name(fs::weakly_canonical(folder).filename().string());
+  builder.set_name(resolved_path(folder).filename().string());
   const Source log{find_log(folder), {}};
   const std::vector<LoggedPose> poses = read_log(log);
   const std::vector<std::string> depth_names = list_images(folder / "depth");

@@ -55,10 +55,16 @@ std::vector<std::string> list_files(const std::filesystem::path& folder, const s
   return names;
 }
 
+std::filesystem::path resolved_path(const std::filesystem::path& path) {
+  std::error_code error;
+  const std::filesystem::path resolved = std::filesystem::weakly_canonical(path, error);
+  return error ? path : resolved;
+}
+
 Scene read_exr_files(const std::filesystem::path& path, const std::vector<std::filesystem::path>& files,
                      const ReadSceneOptions& options, Context& context) {
   SceneBuilder builder(path, options, context);
-  builder.set_name(std::filesystem::weakly_canonical(path).stem().string());
+  builder.set_name(resolved_path(path).stem().string());
   for (const std::filesystem::path& file : files) {
     builder.add([&] {
       ViewDraft draft;

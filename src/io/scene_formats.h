@@ -62,6 +62,8 @@ Scene read_colmap(const std::filesystem::path& folder, const ReadSceneOptions& o
 Scene read_exr_files(const std::filesystem::path& path, const std::vector<std::filesystem::path>& files,
                      const ReadSceneOptions& options, Context& context);
 
+/// The path without links and dots, for names of scenes; as it is where that cannot be found out.
+std::filesystem::path resolved_path(const std::filesystem::path& path);
 /// Names of the entries of a folder that are files and end so, sorted.
 std::vector<std::string> list_files(const std::filesystem::path& folder, const std::string& ending);
 

@@ -71,7 +71,7 @@ bool is_seven_scenes_folder(const std::filesystem::path& folder) {
 
 Scene read_seven_scenes(const std::filesystem::path& folder, const ReadSceneOptions& options, Context& context) {
   SceneBuilder builder(folder, options, context);
-  builder.set_name(std::filesystem::weakly_canonical(folder).filename().string());
+  builder.set_name(resolved_path(folder).filename().string());
   const Intrinsics intrinsics = read_intrinsics(folder);
   for (const std::string& file_name : list_files(folder, kDepthEnding)) {
     if (!file_name.starts_with("frame-")) continue;

@@ -129,7 +129,7 @@ bool is_tum_folder(const std::filesystem::path& folder) {
 
 Scene read_tum(const std::filesystem::path& folder, const ReadSceneOptions& options, Context& context) {
   SceneBuilder builder(folder, options, context);
-  builder.set_name(std::filesystem::weakly_canonical(folder).filename().string());
+  builder.set_name(resolved_path(folder).filename().string());
   const std::vector<StampedImage> depth_images = read_images(folder / "depth.txt");
   const std::vector<StampedPose> poses = read_poses(folder / "groundtruth.txt");
   std::vector<StampedImage> color_images;
