@@ -5,6 +5,7 @@
 
 #include "core/parallel.h"
 #include "health/self_intersection.h"
+#include "io/scene_formats.h"
 #include "lapseam/close_cracks.h"
 #include "lapseam/error.h"
 #include "lapseam/integrate.h"
@@ -127,8 +128,9 @@ class Integration {
     std::map<std::string, std::size_t> first_of_sensor;
     std::vector<std::size_t> owner(views_.size());
     for (std::size_t i = 0; i < views_.size(); ++i) {
-      const bool is_own = std::holds_alternative<MeasuredGridSensor>(views_[i].sensor);
-      owner[i] = is_own ? i : first_of_sensor.try_emplace(views_[i].sensor_id, i).first->second;
+      const std::size_t first = first_of_sensor.try_emplace(views_[i].sensor_id, i).first->second;
+      // Scanners of one id may have tables of their own.
+      owner[i] = is_same_sensor(views_[first].sensor, views_[i].sensor) ? first : i;
     }
     rays_.resize(views_.size());
     parallel_for(context_, views_.size(), 1, [&](std::size_t i) {

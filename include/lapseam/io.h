@@ -19,8 +19,9 @@ inline constexpr std::size_t kMaxPixels = std::size_t(1) << 30;
 
 // ---- scenes and views
 
-/// Opens a manifest (scene.json), a Stanford .conf, or a folder of frame-NNNNNN.{color,depth,pose} files (7-Scenes), or a
-/// folder that holds scene.json. Reads no pixels; checks that files exist and that poses are rigid.
+/// Opens whatever docs/formats.md lists: a manifest (scene.json), a file of scans (E57, PTX, PCD, .sens), a Stanford
+/// .conf, EXR files, or a folder as RGB-D tools write it; by content. Of scans the points are read, to find their
+/// sensors; of images only headers. Checks that files exist and that poses are rigid.
 /// With skip_bad_views, a view that cannot be used is left out with a warning instead of an exception.
 struct ReadSceneOptions {
   bool skip_bad_views = false;
@@ -36,11 +37,12 @@ View load_view(const ViewSource& source);
 ColorImage load_color(const ViewSource& source);
 
 // ---- images
-ColorImage read_color_image(const std::filesystem::path& file);                      ///< EXR, PNG, JPEG, by content
+ColorImage read_color_image(const std::filesystem::path& file);  ///< EXR, PNG, JPEG, by content
 void write_png(const std::filesystem::path& file, const ColorImage& image);
 void write_png16(const std::filesystem::path& file, const Image<std::uint16_t>& image);
 Image<std::uint16_t> read_png16(const std::filesystem::path& file);
-/// Range image as single-channel float EXR, with our sensor and pose attributes (docs/formats.md), and colour when given.
+/// Range image as single-channel float EXR, with our sensor and pose attributes (docs/formats.md), and colour when
+/// given.
 void write_range_exr(const std::filesystem::path& file, const RangeImage& range, const Sensor& sensor,
                      const Eigen::Isometry3d& T_world_view, const ColorImage* color = nullptr);
 
@@ -50,7 +52,8 @@ struct WriteMeshOptions {
   bool with_provenance = true;  ///< PLY: per-vertex view and pixel, per-face view and tag
   int jpeg_quality = 90;        ///< GLB and OBJ texture pages
 };
-/// By the ending of the name: .ply (binary), .obj (+ .mtl + pages), .glb. Written to a temporary name, then renamed.
+/// By the ending of the name: .ply (binary), .obj (+ .mtl + pages), .glb, .stl (triangles alone). Written to a
+/// temporary name, then renamed.
 void write_mesh(const Mesh& mesh, const std::filesystem::path& file, const WriteMeshOptions& options = {});
 /// PLY (ascii or binary), OBJ, GLB, by content; polygons are fanned; texture pages are read where there are some.
 Mesh read_mesh(const std::filesystem::path& file);

@@ -9,6 +9,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <string_view>
 #include <variant>
@@ -28,8 +29,8 @@ struct BrownDistortion {
   double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
   bool is_zero() const { return k1 == 0 && k2 == 0 && p1 == 0 && p2 == 0 && k3 == 0; }
 
-  /// Ideal to distorted coordinates on the plane z = 1. False where the model folds over: there, points farther from the
-  /// axis would land nearer to it.
+  /// Ideal to distorted coordinates on the plane z = 1. False where the model folds over: there, points farther from
+  /// the axis would land nearer to it.
   bool distort(double& x, double& y) const;
   /// The inverse, to rounding. Coordinates that no ray reaches give the edge of the fold on the way there.
   void undistort(double& x, double& y) const;
@@ -49,13 +50,18 @@ struct PinholeSensor {
 /// Polar laser scanner, z up: direction (cos el cos az, cos el sin az, sin el). r is the distance from the origin.
 /// One azimuth per column and one elevation per row; both tables strictly monotone (either way). Between samples the
 /// angles are interpolated linearly, beyond the ends extrapolated by half a step.
+/// Real scanners do not hit such a grid exactly: where a warp is given, pixel (u, v) looks where the tables look at
+/// (u, v) + warp. project() then finds the pixel by search, as for measured grids.
 struct SphericalSensor {
   std::vector<double> azimuth_rad;    ///< size width
   std::vector<double> elevation_rad;  ///< size height
+  /// Pixels, row-major, size width·height; null: none. Shared, as copies of a sensor are many and warps are large.
+  std::shared_ptr<const std::vector<Eigen::Vector2f>> warp = nullptr;
 
-  /// Angles of the outer *edges* of the image: column u is centred at az_begin + (u + 0.5) / width · (az_end − az_begin).
-  static SphericalSensor from_limits(int width, int height, double az_begin_rad, double az_end_rad,
-                                     double el_begin_rad, double el_end_rad);
+  /// Angles of the outer *edges* of the image: column u is centred at az_begin + (u + 0.5) / width · (az_end −
+  /// az_begin).
+  static SphericalSensor from_limits(int width, int height, double az_begin_rad, double az_end_rad, double el_begin_rad,
+                                     double el_end_rad);
 
   int columns() const { return int(azimuth_rad.size()); }
   int rows() const { return int(elevation_rad.size()); }
@@ -78,7 +84,7 @@ struct OrthographicSensor {
   bool project(const Eigen::Vector3d& p, PixelRange& out) const;
 };
 
-/// A scanner known only by its samples: a 3D point per pixel (Stanford range grids, PTX, structured E57).
+/// A scanner known only by its samples: a 3D point per pixel (Stanford range grids, organised clouds).
 /// A rational projection is fitted to the points, q(p) = (n_u(p)/d_u(p), n_v(p)/d_v(p)) with n, d affine in p: it holds
 /// perspective, orthographic and push-broom geometry (perspective in one direction only), the latter being what the
 /// Cyberware scanners of the Stanford models are. What the fit leaves over is kept as a warp table q(u, v), so that
@@ -90,9 +96,9 @@ struct MeasuredGridSensor {
   std::array<Eigen::Vector4d, 4> rational;
   /// Mean viewing direction, unit length; points away from the sensor.
   Eigen::Vector3d forward = Eigen::Vector3d::UnitZ();
-  double range_offset_m = 0;                 ///< r = forward · p + range_offset_m
-  std::vector<Eigen::Vector2f> warp;         ///< q at each pixel minus (u, v); size width·height; filled at invalid pixels
-  double fit_rms_px = 0;                     ///< what the rational fit left over
+  double range_offset_m = 0;          ///< r = forward · p + range_offset_m
+  std::vector<Eigen::Vector2f> warp;  ///< q at each pixel minus (u, v); size width·height; filled at invalid pixels
+  double fit_rms_px = 0;              ///< what the rational fit left over
 
   Eigen::Vector3d unproject(double u, double v, double r) const;
   /// False where r is not above zero, or behind the point or line through which the rays pass.

@@ -28,8 +28,9 @@ struct ViewSurvey {
   std::string sensor_id;
   std::string sensor_kind;  ///< see kind_name
   int width = 0, height = 0;
-  std::uint64_t samples = 0;  ///< valid ones
-  double valid_share = 0;     ///< of the pixels, 0 to 1
+  std::uint64_t samples = 0;    ///< valid ones
+  double valid_share = 0;       ///< of the pixels, 0 to 1
+  MissingSamples missing = {};  ///< why the other pixels have none
   double range_min_m = 0, range_median_m = 0, range_max_m = 0;
   double spacing_m = 0;  ///< median distance between neighbouring samples of a surface that faces the sensor
   std::string problem;   ///< why the view cannot be used; empty: it can, and all above is filled

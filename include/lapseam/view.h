@@ -3,6 +3,7 @@
 // Views and scenes: what was measured, from where, and which files hold it.
 
 #include <Eigen/Geometry>
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -15,7 +16,7 @@
 
 namespace lapseam {
 
-enum class RangeFormat { kPng16, kExr, kStanfordGrid, kMemory };
+enum class RangeFormat { kPng16, kExr, kStanfordGrid, kMemory, kE57, kPtx, kPcd, kSens, kColmapDepth };
 /// What a stored value means for a pinhole or spherical sensor; converted to the sensor's own r when loaded.
 enum class RangeQuantity { kZ, kDistance };
 
@@ -23,6 +24,8 @@ enum class RangeQuantity { kZ, kDistance };
 struct RangeSource {
   RangeFormat format = RangeFormat::kPng16;
   std::filesystem::path file;
+  std::uint32_t index = 0;   ///< which scan or frame of a file that holds several (E57, PTX, .sens)
+  std::uint64_t offset = 0;  ///< where in the file that one begins, where the format does not tell (PTX, .sens); bytes
   RangeQuantity quantity = RangeQuantity::kZ;
   double scale_m = 1.0;                      ///< metres per stored unit
   std::vector<double> invalid_values;        ///< stored values that mean "no sample", beside 0, negative and non-finite
@@ -30,12 +33,16 @@ struct RangeSource {
   std::shared_ptr<const RangeImage> memory;  ///< for kMemory
 };
 
+inline constexpr std::uint32_t kImageOfFile = 0x80000000u;
 /// The colour image of one view: its file and the camera that took it.
 struct ColorSource {
-  std::filesystem::path file;                                      ///< EXR, PNG or JPEG
+  std::filesystem::path file;                                      ///< an image (EXR, PNG, JPEG), or a file of scans
   Sensor camera;                                                   ///< its width and height are the image's
   Eigen::Isometry3d T_view_color = Eigen::Isometry3d::Identity();  ///< colour camera frame -> view (range sensor) frame
   std::shared_ptr<const ColorImage> memory;                        ///< used instead of the file when set
+  /// Which scan's own colours, or which frame (E57, PTX, PCD, .sens); kImageOfFile + n: the n-th image of an E57 file.
+  std::uint32_t index = 0;
+  std::uint64_t offset = 0;  ///< as in RangeSource
 };
 
 /// One view as a scene lists it: nothing loaded yet.
@@ -57,6 +64,17 @@ struct Scene {
   std::vector<ViewSource> views;
 };
 
+/// Pixels without a sample, by what the file says of them, and points that found no pixel.
+struct MissingSamples {
+  std::uint64_t zero = 0;        ///< a range of 0, or the point (0, 0, 0)
+  std::uint64_t negative = 0;    ///< a range below 0
+  std::uint64_t not_finite = 0;  ///< NaN, infinite, or beyond what a float holds
+  std::uint64_t named = 0;       ///< a value that the format or the scene names (65535, say)
+  std::uint64_t flagged = 0;     ///< the file's invalid state says so (E57)
+  std::uint64_t absent = 0;      ///< the file has no record for the pixel
+  std::uint64_t surplus = 0;     ///< points beyond the first of a pixel; not pixels
+};
+
 /// One view, loaded.
 struct View {
   std::string name;
@@ -64,6 +82,7 @@ struct View {
   Sensor sensor;
   RangeImage range;
   Eigen::Isometry3d T_world_view = Eigen::Isometry3d::Identity();
+  MissingSamples missing = {};
 };
 
 }  // namespace lapseam

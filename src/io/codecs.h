@@ -22,9 +22,9 @@ ColorImage decode_png(const Source& source, std::span<const char> bytes);
 ImageSize probe_jpeg(const Source& source);
 ColorImage decode_jpeg(const Source& source, std::span<const char> bytes);
 
-/// PNG, JPEG or EXR, by content.
-ImageSize probe_color_size(const Source& source);
-ColorImage read_color(const Source& source);
+/// PNG, JPEG or EXR, by content; of an E57 file, the image that ColorSource::index names.
+ImageSize probe_color_size(const Source& source, std::uint32_t index = 0);
+ColorImage read_color(const Source& source, std::uint32_t index = 0);
 /// 16-bit grey PNG.
 Image<std::uint16_t> read_gray16(const Source& source);
 

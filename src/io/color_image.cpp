@@ -1,11 +1,12 @@
 #include "io/codecs.h"
+#include "io/e57/e57.h"
 #include "io/exr.h"
 #include "io/output_file.h"
 #include "lapseam/io.h"
 
 namespace lapseam {
 
-ImageSize probe_color_size(const Source& source) {
+ImageSize probe_color_size(const Source& source, std::uint32_t index) {
   switch (const FileKind kind = recognise_file(source.file)) {
     case FileKind::kPng:
       return probe_png(source).size;
@@ -13,12 +14,15 @@ ImageSize probe_color_size(const Source& source) {
       return probe_jpeg(source);
     case FileKind::kExr:
       return read_exr_header(source).size;
+    case FileKind::kE57:
+      if (index < kImageOfFile) source.refuse("color.index", "names no image of the E57 file");
+      return probe_e57_image(source, index - kImageOfFile);
     default:
       source.refuse({}, "a colour image is PNG, JPEG or EXR; this is " + std::string(describe(kind)));
   }
 }
 
-ColorImage read_color(const Source& source) {
+ColorImage read_color(const Source& source, std::uint32_t index) {
   switch (const FileKind kind = recognise_file(source.file)) {
     case FileKind::kPng:
       return decode_png(source, read_file_bytes(source.file));
@@ -26,6 +30,9 @@ ColorImage read_color(const Source& source) {
       return decode_jpeg(source, read_file_bytes(source.file));
     case FileKind::kExr:
       return read_exr_color(source);
+    case FileKind::kE57:
+      if (index < kImageOfFile) source.refuse("color.index", "names no image of the E57 file");
+      return read_e57_image(source, index - kImageOfFile);
     default:
       source.refuse({}, "a colour image is PNG, JPEG or EXR; this is " + std::string(describe(kind)));
   }

@@ -102,6 +102,14 @@ auto with_reader(const Source& source, const F& f) {
   });
 }
 
+std::vector<Eigen::Vector2f> read_warp(const Source& source, Reader& reader) {
+  std::vector<Eigen::Vector2f> warp(std::size_t(reader.size().width) * std::size_t(reader.size().height));
+  reader.read({kWarpUChannel, kWarpVChannel}, warp.front().data());
+  const bool is_finite = std::all_of(warp.begin(), warp.end(), [](const auto& w) { return w.allFinite(); });
+  if (!is_finite) source.refuse(kWarpUChannel, "is not finite");
+  return warp;
+}
+
 std::uint8_t to_srgb8(float linear) {
   const double x = std::isfinite(linear) ? std::clamp(double(linear), 0.0, 1.0) : 0.0;
   const double srgb = x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055;
@@ -147,14 +155,21 @@ std::vector<half> to_linear_halves(const ColorImage& color) {
   return halves;
 }
 
-/// The warp of a measured grid, one plane a channel; OpenEXR's strides allow the pairs as they are.
-void add_warp(const MeasuredGridSensor& grid, Imf::Header& header, Imf::FrameBuffer& buffer) {
+/// Null where the sensor has none.
+const std::vector<Eigen::Vector2f>* warp_of(const Sensor& sensor) {
+  if (const auto* grid = std::get_if<MeasuredGridSensor>(&sensor)) return &grid->warp;
+  if (const auto* spherical = std::get_if<SphericalSensor>(&sensor)) return spherical->warp.get();
+  return nullptr;
+}
+
+/// The warp of a sensor, one plane a channel; OpenEXR's strides allow the pairs as they are.
+void add_warp(const std::vector<Eigen::Vector2f>& warp, int width, Imf::Header& header, Imf::FrameBuffer& buffer) {
   constexpr std::size_t kPairBytes = sizeof(Eigen::Vector2f);
   static_assert(kPairBytes == 2 * sizeof(float));
   header.channels().insert(kWarpUChannel, Imf::Channel(Imf::FLOAT));
   header.channels().insert(kWarpVChannel, Imf::Channel(Imf::FLOAT));
-  buffer.insert(kWarpUChannel, slice_of(Imf::FLOAT, grid.warp.front().data(), kPairBytes, grid.width));
-  buffer.insert(kWarpVChannel, slice_of(Imf::FLOAT, grid.warp.front().data() + 1, kPairBytes, grid.width));
+  buffer.insert(kWarpUChannel, slice_of(Imf::FLOAT, warp.front().data(), kPairBytes, width));
+  buffer.insert(kWarpVChannel, slice_of(Imf::FLOAT, warp.front().data() + 1, kPairBytes, width));
 }
 
 void check_writable(const std::filesystem::path& file, const RangeImage& range, const Sensor& sensor,
@@ -166,8 +181,8 @@ void check_writable(const std::filesystem::path& file, const RangeImage& range, 
     source.refuse("size", "the range image is " + to_string(size) + ", its sensor " + to_string(sensor_size));
   if (color && ImageSize{color->width, color->height} != size)
     source.refuse("size", "colour in the same file must have the size of the range image");
-  const auto* grid = std::get_if<MeasuredGridSensor>(&sensor);
-  if (grid && grid->warp.size() != range.size()) source.refuse("sensor", "the warp table has the wrong size");
+  const std::vector<Eigen::Vector2f>* warp = warp_of(sensor);
+  if (warp && warp->size() != range.size()) source.refuse("sensor", "the warp table has the wrong size");
 }
 
 }  // namespace
@@ -179,6 +194,9 @@ ExrHeader read_exr_header(const Source& source) {
     header.channels = reader.channels();
     header.has_rgb = reader.has("R") && reader.has("G") && reader.has("B");
     read_attributes(source, reader.header(), header);
+    auto* spherical = header.sensor ? std::get_if<SphericalSensor>(&*header.sensor) : nullptr;
+    if (spherical && reader.has(kWarpUChannel) && reader.has(kWarpVChannel))
+      spherical->warp = std::make_shared<std::vector<Eigen::Vector2f>>(read_warp(source, reader));
     return header;
   });
 }
@@ -232,11 +250,7 @@ MeasuredGridSensor read_exr_measured_grid(const Source& source) {
     MeasuredGridSensor sensor = read_measured_grid_attributes(source, reader.header(), reader.size());
     if (!reader.has(kWarpUChannel) || !reader.has(kWarpVChannel))
       source.refuse(kWarpUChannel, "missing; a measured grid needs its warp");
-    sensor.warp.resize(std::size_t(sensor.width) * std::size_t(sensor.height));
-    reader.read({kWarpUChannel, kWarpVChannel}, sensor.warp.front().data());
-    const bool is_finite =
-        std::all_of(sensor.warp.begin(), sensor.warp.end(), [](const auto& w) { return w.allFinite(); });
-    if (!is_finite) source.refuse(kWarpUChannel, "is not finite");
+    sensor.warp = read_warp(source, reader);
     return sensor;
   });
 }
@@ -255,7 +269,7 @@ void write_range_exr(const std::filesystem::path& file, const RangeImage& range,
                                                                                                             : "range";
     header.channels().insert(channel, Imf::Channel(Imf::FLOAT));
     buffer.insert(channel, slice_of(Imf::FLOAT, range.pixels.data(), sizeof(float), range.width));
-    if (const auto* grid = std::get_if<MeasuredGridSensor>(&sensor)) add_warp(*grid, header, buffer);
+    if (const auto* warp = warp_of(sensor)) add_warp(*warp, range.width, header, buffer);
     const std::vector<half> linear = color ? to_linear_halves(*color) : std::vector<half>();
     for (std::size_t i = 0; color && i < 3; ++i) {
       const char* name = std::array{"R", "G", "B"}[i];

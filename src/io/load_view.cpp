@@ -3,8 +3,11 @@
 #include <cmath>
 
 #include "io/codecs.h"
+#include "io/colmap.h"
 #include "io/exr.h"
+#include "io/grid_scan.h"
 #include "io/range_grid.h"
+#include "io/sens.h"
 #include "lapseam/io.h"
 
 namespace lapseam {
@@ -16,20 +19,27 @@ double z_per_distance(const PinholeSensor& sensor, int u, int v) {
   return ray.z() / ray.norm();
 }
 
-/// Stored values to the sensor's own r, in place.
+/// Stored values to the sensor's own r, and why there is none.
 class Converter {
  public:
   explicit Converter(const RangeSource& range) : range_(range) {}
 
-  /// 0 for what is no sample: not positive, not finite, or one of the values that mean so.
-  float operator()(double stored) const {
-    for (const double invalid : range_.invalid_values)
-      if (stored == invalid) return kInvalidRange;
+  /// 0 for what is no sample, which is then counted.
+  float operator()(double stored, MissingSamples& missing, std::uint64_t times = 1) const {
+    for (const double invalid : range_.invalid_values) {
+      if (stored == invalid) {
+        (stored == 0 ? missing.zero : missing.named) += times;
+        return kInvalidRange;
+      }
+    }
     const double r = stored * range_.scale_m;
     // Also refuses what is finite as a double only, or vanishes as a float.
-    const bool is_sample =
-        r >= double(std::numeric_limits<float>::min()) && r <= double(std::numeric_limits<float>::max());
-    return is_sample ? float(r) : kInvalidRange;
+    if (r >= double(std::numeric_limits<float>::min()) && r <= double(std::numeric_limits<float>::max()))
+      return float(r);
+    (r < 0 && std::isfinite(r)   ? missing.negative
+     : std::isfinite(r) && r < 1 ? missing.zero
+                                 : missing.not_finite) += times;
+    return kInvalidRange;
   }
 
  private:
@@ -37,35 +47,42 @@ class Converter {
 };
 
 template <typename Stored>
-RangeImage convert(const Image<Stored>& stored, const RangeSource& source) {
+RangeImage convert(const Image<Stored>& stored, const RangeSource& source, MissingSamples& missing) {
   const Converter converter(source);
   RangeImage range(stored.width, stored.height);
   std::transform(stored.pixels.begin(), stored.pixels.end(), range.pixels.begin(),
-                 [&](Stored value) { return converter(double(value)); });
+                 [&](Stored value) { return converter(double(value), missing); });
   return range;
 }
 
 /// 16-bit images have few values: a table of them all costs less than a test per pixel.
-RangeImage convert(const Image<std::uint16_t>& stored, const RangeSource& source) {
+RangeImage convert(const Image<std::uint16_t>& stored, const RangeSource& source, MissingSamples& missing) {
+  std::vector<std::uint32_t> counts(65536);
+  for (const std::uint16_t value : stored.pixels) ++counts[value];
   const Converter converter(source);
   std::vector<float> table(65536);
-  for (std::size_t value = 0; value < table.size(); ++value) table[value] = converter(double(value));
+  for (std::size_t value = 0; value < table.size(); ++value)
+    table[value] = converter(double(value), missing, counts[value]);
   RangeImage range(stored.width, stored.height);
   std::transform(stored.pixels.begin(), stored.pixels.end(), range.pixels.begin(),
                  [&](std::uint16_t value) { return table[value]; });
   return range;
 }
 
-RangeImage read_range(const Source& source, const RangeSource& range) {
+RangeImage read_range(const Source& source, const RangeSource& range, MissingSamples& missing) {
   switch (range.format) {
     case RangeFormat::kPng16:
-      return convert(read_gray16(source), range);
+      return convert(read_gray16(source), range, missing);
     case RangeFormat::kExr:
-      return convert(read_exr_range(source, range.channel), range);
+      return convert(read_exr_range(source, range.channel), range, missing);
+    case RangeFormat::kSens:
+      return convert(read_sens_depth(source, range.index, range.offset), range, missing);
+    case RangeFormat::kColmapDepth:
+      return convert(read_colmap_depth(source), range, missing);
     case RangeFormat::kMemory:
       if (!range.memory) source.refuse("range", "held in memory, but there is none");
-      return convert(*range.memory, range);
-    case RangeFormat::kStanfordGrid:
+      return convert(*range.memory, range, missing);
+    default:
       break;
   }
   source.refuse("range", "unexpected format");
@@ -96,9 +113,20 @@ void load_grid(const Source& source, const RangeSource& range, View& view) {
     MeasuredGrid measured = fit_measured_grid(grid.width, grid.height, grid.points_m, toward_scene);
     view.sensor = std::move(measured.sensor);
     view.range = std::move(measured.range);
+    view.missing.absent = std::uint64_t(std::count(view.range.pixels.begin(), view.range.pixels.end(), kInvalidRange));
   } catch (const InvalidInput& error) {
     source.refuse("range", error.what());
   }
+}
+
+ColorImage read_color_source(const Source& source, const ViewSource& view) {
+  const ColorSource& color = *view.color;
+  if (view.range.format == RangeFormat::kSens && color.file == view.range.file)
+    return read_sens_color(source, color.index, color.offset);
+  const bool is_of_scan = holds_scans(view.range.format) && color.file == view.range.file && color.index < kImageOfFile;
+  if (!is_of_scan) return read_color(source, color.index);
+  const std::unique_ptr<GridScan> scan = open_scan(source, view.range.format, color.index, color.offset);
+  return load_scan_color(source, *scan, color.camera);
 }
 
 }  // namespace
@@ -114,7 +142,11 @@ View load_view(const ViewSource& view_source) {
     load_grid(source, range, view);
     return view;
   }
-  view.range = read_range(source, range);
+  if (holds_scans(range.format)) {
+    load_scan(source, *open_scan(source, range.format, range.index, range.offset), view_source.sensor, view);
+    return view;
+  }
+  view.range = read_range(source, range, view.missing);
   view.sensor = view_source.sensor ? *view_source.sensor : sensor_in_file(source, range);
 
   const ImageSize image_size{view.range.width, view.range.height};
@@ -133,7 +165,7 @@ ColorImage load_color(const ViewSource& view_source) {
   if (!view_source.color) throw InvalidInput({}, view_source.name, "color", "the view has no colour image");
   const ColorSource& color = *view_source.color;
   const Source source{color.file, view_source.name};
-  ColorImage image = color.memory ? *color.memory : read_color(source);
+  ColorImage image = color.memory ? *color.memory : read_color_source(source, view_source);
   const ImageSize image_size{image.width, image.height};
   const ImageSize camera_size{width(color.camera), height(color.camera)};
   if (image_size != camera_size)

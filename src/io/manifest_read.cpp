@@ -160,10 +160,19 @@ RangeQuantity read_quantity(const JsonObject& object, const std::optional<Sensor
   return RangeQuantity::kZ;
 }
 
+/// Which scan or frame of a file with several.
+std::uint32_t read_index(const JsonObject& object) {
+  const double index = object.number("index");
+  if (!(index >= 0 && index <= 4294967295.0 && index == std::floor(index)))
+    object.refuse("index", "must be an integer that is not negative");
+  return std::uint32_t(index);
+}
+
 void read_range(const Manifest& manifest, const json& value, const Source& source, ViewDraft& draft) {
-  const JsonObject object(value, source, "range", {"file", "quantity", "scale_m", "invalid", "channel"});
+  const JsonObject object(value, source, "range", {"file", "index", "quantity", "scale_m", "invalid", "channel"});
   RangeSource& range = draft.view.range;
   range.file = manifest.resolve(object.text("file"));
+  if (object.has("index")) range.index = read_index(object);
   draft.has_quantity = object.has("quantity");
   if (draft.has_quantity) range.quantity = read_quantity(object, draft.view.sensor);
   draft.has_scale = object.has("scale_m");
@@ -173,9 +182,10 @@ void read_range(const Manifest& manifest, const json& value, const Source& sourc
 }
 
 ColorSource read_color(const Manifest& manifest, const json& value, const Source& source, const ViewSource& view) {
-  const JsonObject object(value, source, "color", {"file", "camera", "T_view_color"});
+  const JsonObject object(value, source, "color", {"file", "index", "camera", "T_view_color"});
   ColorSource color;
   color.file = manifest.resolve(object.text("file"));
+  if (object.has("index")) color.index = read_index(object);
   const std::string camera = object.has("camera") ? object.text("camera") : "same";
   const SensorEntry same{view.sensor, {}};
   const SensorEntry& entry = camera == "same" ? same : manifest.sensor(source, "color.camera", camera);

@@ -93,9 +93,18 @@ void put_model(Json& object, const OrthographicSensor& sensor) {
 
 void put_model(Json&, const MeasuredGridSensor&) {}
 
-/// A measured grid is in its range file, whether that has been read already or not.
+/// What has a number for every pixel is in its range file, whether that has been read already or not.
 bool is_in_file(const std::optional<Sensor>& sensor) {
-  return !sensor || std::holds_alternative<MeasuredGridSensor>(*sensor);
+  if (!sensor || std::holds_alternative<MeasuredGridSensor>(*sensor)) return true;
+  const auto* spherical = std::get_if<SphericalSensor>(&*sensor);
+  return spherical && spherical->warp;
+}
+
+/// Scans of points are their own sensors, whatever was found in them.
+bool is_in_file(const ViewSource& view) {
+  const RangeFormat format = view.range.format;
+  const bool holds_points = format == RangeFormat::kE57 || format == RangeFormat::kPtx || format == RangeFormat::kPcd;
+  return holds_points || is_in_file(view.sensor);
 }
 
 Json to_json(const std::optional<Sensor>& sensor) {
@@ -171,11 +180,11 @@ class Writer {
       throw InvalidInput(file_, view.name, "range", "is held in memory; write it to a file first");
     Json object;
     object["name"] = view.name;
-    object["sensor"] = sensors_.id_of(view.sensor_id, view.sensor);
+    object["sensor"] = sensors_.id_of(view.sensor_id, is_in_file(view) ? std::nullopt : view.sensor);
     object["T_world_view"] = to_json(view.T_world_view);
     object["range"] = to_range(view);
     // Colours in a measured grid's own file are found there again, and their camera is nowhere else.
-    const bool is_color_in_file = view.color && is_in_file(view.sensor) && view.color->file == view.range.file;
+    const bool is_color_in_file = view.color && is_in_file(view) && view.color->file == view.range.file;
     if (view.color && !is_color_in_file) object["color"] = to_color(view);
     if (view.noise) object["noise"] = to_json(*view.noise);
     return object;
@@ -185,8 +194,9 @@ class Writer {
     const RangeSource& range = view.range;
     Json object;
     object["file"] = store(range.file);
+    if (range.index > 0) object["index"] = range.index;
     const bool is_spherical = view.sensor && std::holds_alternative<SphericalSensor>(*view.sensor);
-    if (!is_in_file(view.sensor))
+    if (!is_in_file(view))
       object["quantity"] = is_spherical || range.quantity == RangeQuantity::kDistance ? "distance" : "z";
     object["scale_m"] = range.scale_m;
     if (!range.invalid_values.empty()) object["invalid"] = range.invalid_values;
@@ -197,11 +207,12 @@ class Writer {
   Json to_color(const ViewSource& view) {
     const ColorSource& color = *view.color;
     if (color.memory) throw InvalidInput(file_, view.name, "color", "is held in memory; write it to a file first");
-    if (std::holds_alternative<MeasuredGridSensor>(color.camera))
+    if (is_in_file(color.camera))
       throw InvalidInput(file_, view.name, "color.camera", "a measured grid has no model that a manifest could hold");
     const bool has_same_camera = view.sensor && is_same_sensor(color.camera, *view.sensor);
     Json object;
     object["file"] = store(color.file);
+    if (color.index > 0) object["index"] = color.index;
     object["camera"] = has_same_camera ? "same" : sensors_.id_of(view.sensor_id + "-color", color.camera);
     if (color.T_view_color.matrix() != Eigen::Matrix4d::Identity())
       object["T_view_color"] = to_json(color.T_view_color);

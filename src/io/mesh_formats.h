@@ -13,6 +13,7 @@ namespace lapseam {
 
 void write_ply(const Mesh& mesh, const std::filesystem::path& file, const WriteMeshOptions& options);
 void write_obj(const Mesh& mesh, const std::filesystem::path& file, const WriteMeshOptions& options);
+void write_stl(const Mesh& mesh, const std::filesystem::path& file, const WriteMeshOptions& options);
 void write_glb(const Mesh& mesh, const std::filesystem::path& file, const WriteMeshOptions& options);
 
 bool looks_like_ply(std::span<const char> bytes);

@@ -45,7 +45,8 @@ void write_mesh(const Mesh& mesh, const std::filesystem::path& file, const Write
   if (extension == ".ply") return write_ply(mesh, file, options);
   if (extension == ".obj") return write_obj(mesh, file, options);
   if (extension == ".glb") return write_glb(mesh, file, options);
-  throw InvalidInput(file, {}, {}, "a mesh is written as .ply, .obj or .glb, by the ending of the name");
+  if (extension == ".stl") return write_stl(mesh, file, options);
+  throw InvalidInput(file, {}, {}, "a mesh is written as .ply, .obj, .glb or .stl, by the ending of the name");
 }
 
 Mesh read_mesh(const std::filesystem::path& file) {

@@ -71,6 +71,13 @@ void OutputFile::flush() {
   if (size_bytes && std::fwrite(buffer_.data(), 1, size_bytes, stream_) != size_bytes) fail("cannot write");
 }
 
+void OutputFile::overwrite(long offset, std::string_view bytes) {
+  flush();
+  if (std::fseek(stream_, offset, SEEK_SET) != 0 ||
+      std::fwrite(bytes.data(), 1, bytes.size(), stream_) != bytes.size() || std::fseek(stream_, 0, SEEK_END) != 0)
+    fail("cannot write");
+}
+
 void OutputFile::close() {
   if (!stream_) return;
   flush();

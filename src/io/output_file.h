@@ -31,6 +31,9 @@ class OutputFile {
     write(&value, sizeof value);
   }
 
+  /// Bytes that have been written already; files only, not pipes.
+  void overwrite(long offset, std::string_view bytes);
+
   /// Everything is on its way to the disk under the temporary name; what the disk refuses shows here.
   void close();
   /// close(), then the file appears under its name.

@@ -10,7 +10,8 @@ bool is_same(const PinholeSensor& a, const PinholeSensor& b) {
 }
 
 bool is_same(const SphericalSensor& a, const SphericalSensor& b) {
-  return a.azimuth_rad == b.azimuth_rad && a.elevation_rad == b.elevation_rad;
+  const bool has_same_warp = a.warp == b.warp || (a.warp && b.warp && *a.warp == *b.warp);
+  return has_same_warp && a.azimuth_rad == b.azimuth_rad && a.elevation_rad == b.elevation_rad;
 }
 
 bool is_same(const OrthographicSensor& a, const OrthographicSensor& b) {

@@ -1,7 +1,10 @@
 #include <algorithm>
 
 #include "io/codecs.h"
+#include "io/colmap.h"
+#include "io/e57/e57.h"
 #include "io/exr.h"
+#include "io/grid_scan.h"
 #include "io/range_grid.h"
 #include "io/scene_formats.h"
 #include "lapseam/context.h"
@@ -55,6 +58,23 @@ void complete_from_grid(const Source& source, const ViewDraft& draft) {
   if (draft.view.sensor) source.refuse("sensor", "a range grid is its own sensor; its model must be in_file");
 }
 
+void complete_from_sens(const Source& source, const ViewDraft& draft) {
+  if (!draft.has_scale) source.refuse("range.scale_m", "missing; a .sens frame needs it (metres per stored unit)");
+  if (!draft.view.sensor) source.refuse("sensor", "missing; a .sens frame needs a sensor");
+}
+
+void complete_from_scans(const Source& source, RangeFormat format, ViewDraft& draft) {
+  RangeSource& range = draft.view.range;
+  range.format = format;
+  if (draft.has_scale && range.scale_m != 1) source.refuse("range.scale_m", "points are in metres, as they are");
+  const std::unique_ptr<GridScan> scan = open_scan(source, format, range.index, range.offset);
+  if (format == RangeFormat::kE57 && !draft.view.color) {
+    const Eigen::Isometry3d T_world_scan = scan->T_world_scan().value_or(Eigen::Isometry3d::Identity());
+    draft.view.color = find_e57_image(source, range.index, T_world_scan, scan->has_color());
+  }
+  complete_from_scan(source, *scan, draft);
+}
+
 void complete_range(ViewDraft& draft) {
   RangeSource& range = draft.view.range;
   const Source source{range.file, draft.view.name};
@@ -72,9 +92,29 @@ void complete_range(ViewDraft& draft) {
       range.format = RangeFormat::kStanfordGrid;
       complete_from_grid(source, draft);
       break;
+    case FileKind::kE57:
+      complete_from_scans(source, RangeFormat::kE57, draft);
+      break;
+    case FileKind::kPtx:
+      complete_from_scans(source, RangeFormat::kPtx, draft);
+      break;
+    case FileKind::kPcd:
+      complete_from_scans(source, RangeFormat::kPcd, draft);
+      break;
+    case FileKind::kSens:
+      range.format = RangeFormat::kSens;
+      complete_from_sens(source, draft);
+      break;
+    case FileKind::kColmapDepth:
+      range.format = RangeFormat::kColmapDepth;
+      if (!draft.view.sensor) source.refuse("sensor", "missing; a COLMAP depth map needs a sensor");
+      check_sensor_size(source, *draft.view.sensor, probe_colmap_depth(source));
+      break;
     default:
-      source.refuse("range.file", "a range image is a 16-bit PNG, an EXR, or a range-grid PLY; this is " +
-                                      std::string(describe(kind)));
+      source.refuse(
+          "range.file",
+          "a range image is a 16-bit PNG, an EXR, a range-grid PLY, or a scan of an E57, PTX or PCD file; this is " +
+              std::string(describe(kind)));
   }
   if (range.format != RangeFormat::kExr && !range.channel.empty())
     source.refuse("range.channel", "only EXR files have channels");
@@ -85,7 +125,11 @@ void check_color(const ViewSource& view) {
   if (!view.color) return;
   const Source source{view.color->file, view.name};
   check_exists(source, "color.file");
-  const ImageSize size = probe_color_size(source);
+  const bool is_own =
+      holds_scans(view.range.format) && view.color->file == view.range.file && view.color->index < kImageOfFile;
+  if (is_own) return;  // its camera is the scan's sensor
+  if (view.range.format == RangeFormat::kSens && view.color->file == view.range.file) return;  // so says its header
+  const ImageSize size = probe_color_size(source, view.color->index);
   const ImageSize camera_size{width(view.color->camera), height(view.color->camera)};
   if (size != camera_size)
     source.refuse("color", "the image is " + to_string(size) + ", its camera " + to_string(camera_size));
@@ -120,6 +164,20 @@ void SceneBuilder::add(const std::function<ViewDraft()>& make) {
   }
 }
 
+namespace {
+
+/// Whether two views are taken to be of one sensor, and so to have one noise. What is found in points differs in the
+/// last digits from scan to scan, and real scanners never start at the same angle.
+bool is_one_sensor(const ViewSource& a, const ViewSource& b) {
+  if (!a.sensor || !b.sensor) return !a.sensor && !b.sensor;
+  if (holds_scans(a.range.format) && holds_scans(b.range.format))
+    return a.sensor->index() == b.sensor->index() && width(*a.sensor) == width(*b.sensor) &&
+           height(*a.sensor) == height(*b.sensor);
+  return is_same_sensor(*a.sensor, *b.sensor);
+}
+
+}  // namespace
+
 void SceneBuilder::assign_sensor_ids() {
   const auto is_taken = [&](const std::string& id) {
     return std::any_of(scene_.views.begin(), scene_.views.end(),
@@ -128,10 +186,8 @@ void SceneBuilder::assign_sensor_ids() {
   std::vector<const ViewSource*> named;  // one view for each id given here
   for (ViewSource& view : scene_.views) {
     if (!view.sensor_id.empty()) continue;
-    const auto same = std::find_if(named.begin(), named.end(), [&](const ViewSource* other) {
-      if (view.sensor.has_value() != other->sensor.has_value()) return false;
-      return view.sensor ? is_same_sensor(*view.sensor, *other->sensor) : true;
-    });
+    const auto same =
+        std::find_if(named.begin(), named.end(), [&](const ViewSource* other) { return is_one_sensor(view, *other); });
     if (same != named.end()) {
       view.sensor_id = (*same)->sensor_id;
       continue;

@@ -46,10 +46,24 @@ Scene read_stanford_conf(const std::filesystem::path& file, const ReadSceneOptio
 Scene read_single_range_grid(const std::filesystem::path& file, const ReadSceneOptions& options, Context& context);
 bool is_seven_scenes_folder(const std::filesystem::path& folder);
 Scene read_seven_scenes(const std::filesystem::path& folder, const ReadSceneOptions& options, Context& context);
+/// TUM RGB-D: depth.txt, groundtruth.txt, and, if there are any, rgb.txt and calibration.txt.
+bool is_tum_folder(const std::filesystem::path& folder);
+Scene read_tum(const std::filesystem::path& folder, const ReadSceneOptions& options, Context& context);
+/// Redwood, Open3D: a trajectory (.log) beside depth/ and color/.
+bool is_redwood_folder(const std::filesystem::path& folder);
+Scene read_redwood(const std::filesystem::path& folder, const ReadSceneOptions& options, Context& context);
+/// nerfstudio: a JSON file with frames.
+bool is_nerfstudio(const std::filesystem::path& file);
+Scene read_nerfstudio(const std::filesystem::path& file, const ReadSceneOptions& options, Context& context);
+/// COLMAP: a model (cameras and images, text or binary) and stereo/depth_maps.
+bool is_colmap_folder(const std::filesystem::path& folder);
+Scene read_colmap(const std::filesystem::path& folder, const ReadSceneOptions& options, Context& context);
 /// EXR files that hold sensor and pose; named after the files.
 Scene read_exr_files(const std::filesystem::path& path, const std::vector<std::filesystem::path>& files,
                      const ReadSceneOptions& options, Context& context);
 
+/// The path without links and dots, for names of scenes; as it is where that cannot be found out.
+std::filesystem::path resolved_path(const std::filesystem::path& path);
 /// Names of the entries of a folder that are files and end so, sorted.
 std::vector<std::string> list_files(const std::filesystem::path& folder, const std::string& ending);
 

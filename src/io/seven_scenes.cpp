@@ -5,10 +5,9 @@
 #include <cmath>
 
 #include "io/codecs.h"
-#include "io/output_file.h"
+#include "io/rgbd.h"
 #include "io/rigid.h"
 #include "io/scene_formats.h"
-#include "io/text_scan.h"
 
 namespace lapseam {
 namespace {
@@ -17,22 +16,6 @@ constexpr const char* kDepthEnding = ".depth.png";
 constexpr const char* kIntrinsicsFile = "camera-intrinsics.txt";
 // The tracker of the data set lets the scale of its rotations drift, to 1.2e-4 in 500 frames.
 constexpr double kPoseTolerance = 1e-3;
-
-/// All numbers of a small text file; there must be `count`.
-std::vector<double> read_numbers(const Source& source, const std::string& field, std::size_t count) {
-  const std::vector<char> bytes = read_file_bytes(source.file);
-  std::string_view rest(bytes.data(), bytes.size());
-  std::vector<double> numbers;
-  for (std::string_view word = take_word(rest); !word.empty(); word = take_word(rest)) {
-    const auto number = parse_number<double>(word);
-    if (!number) source.refuse(field, "'" + std::string(word.substr(0, 40)) + "' is not a number");
-    if (numbers.size() < count + 1) numbers.push_back(*number);
-  }
-  if (numbers.size() != count)
-    source.refuse(field, "expected " + std::to_string(count) + " numbers, found " +
-                             (numbers.size() > count ? "more" : std::to_string(numbers.size())));
-  return numbers;
-}
 
 struct Intrinsics {
   double fx = 585, fy = 585, cx = 320, cy = 240;  ///< of the data set's Kinect, where no file says otherwise
@@ -56,18 +39,6 @@ Eigen::Isometry3d read_pose(const Source& source) {
   return to_rigid(matrix, source, "pose", kPoseTolerance);
 }
 
-/// The same optics at another resolution: colour and depth are taken to show the same field.
-PinholeSensor resized(const PinholeSensor& sensor, ImageSize size) {
-  const double x = double(size.width) / sensor.width, y = double(size.height) / sensor.height;
-  return {size.width,
-          size.height,
-          sensor.fx * x,
-          sensor.fy * y,
-          (sensor.cx + 0.5) * x - 0.5,
-          (sensor.cy + 0.5) * y - 0.5,
-          sensor.distortion};
-}
-
 ViewDraft make_view(const std::filesystem::path& folder, const std::string& name, const Intrinsics& k) {
   ViewDraft draft;
   ViewSource& view = draft.view;
@@ -85,10 +56,7 @@ ViewDraft make_view(const std::filesystem::path& folder, const std::string& name
   for (const char* ending : {".color.png", ".color.jpg", ".color.jpeg"}) {
     const std::filesystem::path file = folder / (name + ending);
     if (!std::filesystem::exists(file)) continue;
-    view.color.emplace();
-    view.color->file = file;
-    const ImageSize color_size = probe_color_size({file, name});
-    view.color->camera = color_size == size ? camera : resized(camera, color_size);
+    view.color = registered_color({file, name}, camera);
     break;
   }
   return draft;
@@ -103,7 +71,7 @@ bool is_seven_scenes_folder(const std::filesystem::path& folder) {
 
 Scene read_seven_scenes(const std::filesystem::path& folder, const ReadSceneOptions& options, Context& context) {
   SceneBuilder builder(folder, options, context);
-  builder.set_name(std::filesystem::weakly_canonical(folder).filename().string());
+  builder.set_name(resolved_path(folder).filename().string());
   const Intrinsics intrinsics = read_intrinsics(folder);
   for (const std::string& file_name : list_files(folder, kDepthEnding)) {
     if (!file_name.starts_with("frame-")) continue;

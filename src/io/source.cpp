@@ -4,6 +4,10 @@
 #include <fstream>
 #include <system_error>
 
+#include "io/colmap.h"
+#include "io/pcd.h"
+#include "io/ptx.h"
+#include "io/sens.h"
 #include "io/text_scan.h"
 #include "lapseam/io.h"
 
@@ -68,8 +72,13 @@ FileKind recognise_file(const std::filesystem::path& file) {
   if (text.starts_with("\xFF\xD8\xFF"sv)) return FileKind::kJpeg;
   if (text.starts_with("\x76\x2F\x31\x01"sv)) return FileKind::kExr;
   if (text.starts_with("ply\n"sv) || text.starts_with("ply\r"sv)) return FileKind::kPly;
+  if (text.starts_with("ASTM-E57"sv)) return FileKind::kE57;
+  if (looks_like_sens(text)) return FileKind::kSens;
+  if (looks_like_colmap_depth(text)) return FileKind::kColmapDepth;
   if (looks_like_json(text)) return FileKind::kJson;
   if (looks_like_conf(text)) return FileKind::kStanfordConf;
+  if (looks_like_ptx(text)) return FileKind::kPtx;
+  if (looks_like_pcd(text)) return FileKind::kPcd;
   return FileKind::kUnknown;
 }
 
@@ -87,6 +96,16 @@ std::string_view describe(FileKind kind) {
       return "a JSON file";
     case FileKind::kStanfordConf:
       return "a Stanford .conf file";
+    case FileKind::kE57:
+      return "an E57 file";
+    case FileKind::kPtx:
+      return "a PTX file";
+    case FileKind::kPcd:
+      return "a PCD file";
+    case FileKind::kSens:
+      return "a .sens file";
+    case FileKind::kColmapDepth:
+      return "a COLMAP depth map";
     case FileKind::kUnknown:
       break;
   }

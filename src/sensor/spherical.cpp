@@ -3,6 +3,7 @@
 #include <numbers>
 
 #include "lapseam/sensor.h"
+#include "sensor/warped_grid.h"
 
 namespace lapseam {
 namespace {
@@ -75,6 +76,17 @@ Table angles_between(int count, double begin, double end) {
   return table;
 }
 
+// From where the tables put a direction to the pixel that looks there. On a full circle pixels near one end may look
+// beyond the other.
+bool invert_warp(const SphericalSensor& sensor, bool is_circle, PixelRange& pixel) {
+  const int columns = sensor.columns();
+  const Eigen::Vector2d q(pixel.u, pixel.v);
+  if (!WarpedGrid(columns, sensor.rows(), *sensor.warp, is_circle).invert(q, pixel.u, pixel.v)) return false;
+  if (is_circle && pixel.u < -0.5) pixel.u += columns;
+  if (is_circle && pixel.u > columns - 0.5) pixel.u -= columns;
+  return true;
+}
+
 }  // namespace
 
 SphericalSensor SphericalSensor::from_limits(int width, int height, double az_begin_rad, double az_end_rad,
@@ -89,6 +101,11 @@ bool SphericalSensor::wraps() const {
 }
 
 Eigen::Vector3d SphericalSensor::unproject(double u, double v, double r) const {
+  if (warp) {
+    const Eigen::Vector2d q = WarpedGrid(columns(), rows(), *warp, wraps()).at(u, v);
+    u = q.x();
+    v = q.y();
+  }
   const double azimuth = azimuth_axis(*this, wraps()).angle_at(u);
   const double elevation = open_axis(elevation_rad, azimuth_rad).angle_at(v);
   const double level = r * std::cos(elevation);
@@ -107,10 +124,11 @@ bool SphericalSensor::project(const Eigen::Vector3d& p, PixelRange& out) const {
   const double elevation = std::atan2(p.z(), std::hypot(p.x(), p.y()));
   const double v = open_axis(elevation_rad, azimuth_rad).index_of(elevation);
   out = {u, v, r};
+  if (warp && !invert_warp(*this, is_circle, out)) return false;
   // What rounding moves over the edge of the image still belongs to it.
   constexpr double kSlack_px = 1e-9;
   const double below = -0.5 - kSlack_px, above = -0.5 + kSlack_px;
-  return u >= below && u <= columns() + above && v >= below && v <= rows() + above;
+  return out.u >= below && out.u <= columns() + above && out.v >= below && out.v <= rows() + above;
 }
 
 }  // namespace lapseam

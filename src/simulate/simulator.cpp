@@ -208,7 +208,7 @@ bool are_same(const Sensor& a, const Sensor& b) {
   }
   if (const auto* s = std::get_if<SphericalSensor>(&a)) {
     const auto& t = std::get<SphericalSensor>(b);
-    return s->azimuth_rad == t.azimuth_rad && s->elevation_rad == t.elevation_rad;
+    return s->azimuth_rad == t.azimuth_rad && s->elevation_rad == t.elevation_rad && s->warp == t.warp;
   }
   if (const auto* o = std::get_if<OrthographicSensor>(&a)) {
     const auto& q = std::get<OrthographicSensor>(b);

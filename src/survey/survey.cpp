@@ -18,6 +18,8 @@ std::uint64_t bytes_of(const View& view) {
   std::uint64_t bytes = view.range.size() * sizeof(float);
   if (const auto* grid = std::get_if<MeasuredGridSensor>(&view.sensor))
     bytes += grid->warp.size() * sizeof(grid->warp[0]);
+  const auto* spherical = std::get_if<SphericalSensor>(&view.sensor);
+  if (spherical && spherical->warp) bytes += spherical->warp->size() * sizeof(Eigen::Vector2f);
   return bytes;
 }
 
@@ -29,6 +31,7 @@ void describe(const View& view, ViewSurvey& out) {
   for (const float r : view.range.pixels)
     if (r > 0) ranges.push_back(double(r));
   out.samples = ranges.size();
+  out.missing = view.missing;
   out.valid_share = double(ranges.size()) / double(std::max<std::size_t>(1, view.range.size()));
   if (ranges.empty()) {
     out.problem = "no valid sample";

@@ -272,7 +272,7 @@ TEST_F(HostileMesh, WritersRefuseBrokenMeshes) {
   expect_refused(mesh);
   mesh.texcoords.clear();
   expect_refused(mesh);
-  EXPECT_THROW(write_mesh(test::grid_mesh(3, 3), path("a.stl")), InvalidInput);
+  EXPECT_THROW(write_mesh(test::grid_mesh(3, 3), path("a.3ds")), InvalidInput);
 }
 
 }  // namespace

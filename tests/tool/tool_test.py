@@ -6,6 +6,7 @@ tool_test.py --list prints the tests, tool_test.py Class.test runs one (LAPSEAM_
 import json
 import math
 import os
+import random
 import re
 import signal
 import struct
@@ -18,7 +19,7 @@ import zlib
 from pathlib import Path
 
 TOOL = os.environ.get("LAPSEAM_TOOL", "build/release/lapseam")
-COMMANDS = ["simulate", "manifest", "info", "integrate", "sew", "reduce", "render", "evaluate"]
+COMMANDS = ["simulate", "manifest", "convert", "info", "integrate", "sew", "reduce", "tiles", "render", "evaluate"]
 
 
 def run(*arguments, environment=None, **options):
@@ -201,9 +202,9 @@ class Usage(ToolTest):
 
     def test_unknown_ending_of_the_output_is_refused_before_any_work(self):
         scene = save(self.folder, write_wall_scene(self.folder))
-        result = run("integrate", scene, "-o", self.folder / "b.stl")
+        result = run("integrate", scene, "-o", self.folder / "b.3ds")
         self.assertIn(result.returncode, (1, 2))
-        self.assertIn("b.stl", result.stderr)
+        self.assertIn("b.3ds", result.stderr)
         self.assertNotIn("triangulate", result.stderr)
 
     def test_extra_argument(self):
@@ -487,6 +488,143 @@ class Sew(ToolTest):
             self.assertFalse((self.folder / "out.ply").exists())
 
 
+class Formats(ToolTest):
+    """convert, tiles, STL, and what an interrupted or failed run leaves."""
+
+    def test_every_format_converts_to_every_other_and_integrates_alike(self):
+        scene = save(self.folder, write_wall_scene(self.folder))
+        self.expect_ok("integrate", scene, "-o", self.folder / "own.ply")
+        # The wall's depth is in millimetres, which all of these hold exactly.
+        for name, options in [("room.e57", []), ("room.ptx", []), ("scene", []), ("tum", ["--format", "tum"]),
+                              ("redwood", ["--format", "redwood"]), ("nerf", ["--format", "nerfstudio"]),
+                              ("pcd", ["--format", "pcd"])]:
+            out = self.folder / name
+            text = self.expect_ok("convert", scene, "-o", out, *options).stdout
+            self.assertIn("3 views, 3 with colour, 5184 samples", text)
+            info = json.loads(self.expect_ok("info", out, "--json").stdout)
+            self.assertEqual([view["samples"] for view in info["views"]], [1728] * 3, name)
+            self.assertEqual({view["sensor"] for view in info["views"]}, {"pinhole"}, name)
+            self.expect_ok("integrate", out, "-o", self.folder / f"{name}.ply")
+            # Reduction within the noise may choose other triangles where samples differ by a micrometre.
+            own, other = (ply_counts(self.folder / f)[1] for f in ("own.ply", f"{name}.ply"))
+            self.assertLess(abs(own - other), 0.1 * own + 10, name)
+            self.expect_ok("convert", out, "-o", self.folder / f"back_{name}")
+            self.expect_ok("info", self.folder / f"back_{name}")
+
+    def test_convert_refuses_what_a_format_cannot_say(self):
+        scene = write_wall_scene(self.folder)
+        scene["sensors"]["camera"]["distortion"] = {"k1": 0.01}
+        path = save(self.folder, scene)
+        self.expect_failure(1, "convert", path, "-o", self.folder / "tum", "--format", "tum",
+                            names=["v0", "sensor.distortion", "TUM"])
+        self.assertFalse((self.folder / "tum").exists())
+        self.expect_usage_error("convert", path, "-o", self.folder / "x", "--format", "las", names=["--format"])
+
+    def test_info_counts_what_stands_for_no_sample(self):
+        rows = [struct.pack(">8H", 0, 0, 65535, 1500, 1500, 1501, 1502, 1500) for _ in range(8)]
+        (self.folder / "d.png").write_bytes(png_bytes(8, 8, rows, 16, 1))
+        scene = write_wall_scene(self.folder, views=1)
+        scene["sensors"]["camera"].update(width=8, height=8)
+        scene["views"][0]["range"].update(file="d.png", invalid=[65535])
+        del scene["views"][0]["color"]
+        text = self.expect_ok("info", save(self.folder, scene)).stdout
+        self.assertIn("pixels without a sample: 16 zero, 8 named invalid", text)
+
+    def test_tiles(self):
+        scene = save(self.folder, write_wall_scene(self.folder, views=2, width=96, height=72))
+        self.expect_ok("integrate", scene, "-o", self.folder / "a.ply", "--max-error", "0.0001")
+        triangles = ply_counts(self.folder / "a.ply")[1]
+        self.expect_ok("tiles", self.folder / "a.ply", "-o", self.folder / "tiles", "--max-triangles", "1000")
+        tileset = json.loads((self.folder / "tiles" / "tileset.json").read_text())
+        self.assertEqual(tileset["asset"]["version"], "1.1")
+
+        def triangles_of(tile):
+            data = (self.folder / "tiles" / tile["content"]["uri"]).read_bytes()
+            document = json.loads(data[20:20 + struct.unpack_from("<I", data, 12)[0]])
+            primitives = [p for mesh in document["meshes"] for p in mesh["primitives"]]
+            return sum(document["accessors"][p["indices"]]["count"] for p in primitives) // 3
+
+        def leaves(tile):
+            self.assertLessEqual(triangles_of(tile), 1000)
+            children = tile.get("children", [])
+            for child in children:
+                self.assertLessEqual(child["geometricError"], tile["geometricError"])
+            if not children:
+                self.assertEqual(tile["geometricError"], 0)
+                return triangles_of(tile)
+            return sum(leaves(child) for child in children)
+
+        self.assertGreater(triangles, 1500)  # so that there is something to split
+        self.assertEqual(leaves(tileset["root"]), triangles)
+
+    def test_stl_holds_every_triangle(self):
+        scene = save(self.folder, write_wall_scene(self.folder))
+        self.expect_ok("integrate", scene, "-o", self.folder / "a.stl")
+        self.expect_ok("integrate", scene, "-o", self.folder / "a.ply")
+        data = (self.folder / "a.stl").read_bytes()
+        count = struct.unpack_from("<I", data, 80)[0]
+        self.assertEqual(len(data), 84 + 50 * count)
+        self.assertEqual(count, ply_counts(self.folder / "a.ply")[1])
+
+    def kill_at_random(self, arguments, output, is_whole, times=20):
+        """Kills the command at random moments of its run; its output must be the old one or the new one, whole."""
+        begin = time.monotonic()
+        self.expect_ok(*arguments)
+        duration = time.monotonic() - begin
+        self.assertTrue(is_whole(output))
+        random.seed(8)
+        killed = 0
+        for i in range(times):
+            process = subprocess.Popen([TOOL, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            time.sleep(random.random() * duration)
+            process.kill()
+            killed += process.wait() == -signal.SIGKILL
+            self.assertTrue(is_whole(output), f"killed for the {i + 1}. time")
+        self.assertGreater(killed, times // 2)
+        self.expect_ok(*arguments)
+        self.assertTrue(is_whole(output))
+
+    def test_kill_9_of_integrate_leaves_a_whole_result(self):
+        scene = save(self.folder, write_wall_scene(self.folder, views=4, width=96, height=72))
+        output = self.folder / "out.ply"
+        whole = []
+
+        def is_whole(path):
+            whole.append(path.read_bytes())
+            return whole[-1] == whole[0]
+
+        self.kill_at_random(["integrate", scene, "-o", output], output, is_whole)
+
+    def test_kill_9_of_convert_leaves_a_whole_result(self):
+        scene = save(self.folder, write_wall_scene(self.folder, views=4, width=96, height=72))
+        folder, file = self.folder / "out", self.folder / "out.e57"
+
+        def content(path):
+            files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+            return [(str(p.relative_to(path)), p.read_bytes()) for p in files]
+
+        for output in (folder, file):
+            whole = []
+
+            def is_whole(path, whole=whole):
+                whole.append(content(path))
+                return whole[-1] == whole[0]
+
+            self.kill_at_random(["convert", scene, "-o", output], output, is_whole)
+
+    def test_full_disk_leaves_the_old_file(self):
+        scene = save(self.folder, write_wall_scene(self.folder, views=4, width=96, height=72))
+        output = self.folder / "out.e57"
+        self.expect_ok("convert", scene, "-o", output)
+        before = output.read_bytes()
+        limit = ["bash", "-c", 'ulimit -f 8; trap "" XFSZ; exec "$@"', "limited", TOOL]
+        result = subprocess.run([*limit, "convert", str(scene), "-o", str(output)], capture_output=True, text=True)
+        self.assertEqual(result.returncode, 1, result.stderr)
+        self.assertIn("out.e57", result.stderr)
+        self.assertEqual(output.read_bytes(), before)
+        self.assertEqual(list(self.folder.glob(".out.e57*")), [])
+
+
 class Instruments(ToolTest):
     def test_simulate_is_reproducible_and_seeded(self):
         def contents(folder):
@@ -558,7 +696,7 @@ class Instruments(ToolTest):
         f = self.folder
         self.expect_failure(1, "reduce", f / "none.ply", "-o", f / "out.ply", names=["none.ply"])
         self.expect_usage_error("reduce", f / "a.ply")
-        self.expect_usage_error("reduce", f / "a.ply", "-o", f / "out.stl", names=["out.stl"])
+        self.expect_usage_error("reduce", f / "a.ply", "-o", f / "out.3ds", names=["out.3ds"])
         for option in [["--triangles", "0"], ["--ratio", "1.5"], ["--ratio", "nan"], ["--max-error", "-1"],
                        ["--max-error", "inf"]]:
             self.expect_usage_error("reduce", f / "a.ply", "-o", f / "out.ply", *option, names=[option[0]])
@@ -654,7 +792,7 @@ class Progress(ToolTest):
 
 if __name__ == "__main__":
     if "--list" in sys.argv:
-        for case in (Usage, Integrate, BadInput, Instruments, Progress):
+        for case in (Usage, Integrate, BadInput, Sew, Formats, Instruments, Progress):
             for test in unittest.defaultTestLoader.getTestCaseNames(case):
                 print(f"{case.__name__}.{test}")
     else:

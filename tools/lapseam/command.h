@@ -32,5 +32,7 @@ void add_evaluate_command(CLI::App& app);
 void add_reduce_command(CLI::App& app);
 void add_render_command(CLI::App& app);
 void add_manifest_command(CLI::App& app);
+void add_convert_command(CLI::App& app);
+void add_tiles_command(CLI::App& app);
 
 }  // namespace lapseam::tool

@@ -35,6 +35,9 @@ nlohmann::ordered_json view_to_json(const ViewSurvey& view) {
   out["height"] = view.height;
   out["samples"] = view.samples;
   out["valid_percent"] = 100 * view.valid_share;
+  const MissingSamples& m = view.missing;
+  out["missing"] = {{"zero", m.zero},       {"negative", m.negative}, {"not_finite", m.not_finite}, {"named", m.named},
+                    {"flagged", m.flagged}, {"absent", m.absent},     {"surplus", m.surplus}};
   out["range_min_m"] = view.range_min_m;
   out["range_median_m"] = view.range_median_m;
   out["range_max_m"] = view.range_max_m;
@@ -118,6 +121,33 @@ std::string views_text(const Survey& found) {
   return table.size() > 0 ? table.text() : "";
 }
 
+/// What stands for "no sample" in the files, and how often; only the kinds that there are.
+std::string missing_text(const Survey& found) {
+  MissingSamples sum;
+  for (const ViewSurvey& view : found.views) {
+    sum.zero += view.missing.zero;
+    sum.negative += view.missing.negative;
+    sum.not_finite += view.missing.not_finite;
+    sum.named += view.missing.named;
+    sum.flagged += view.missing.flagged;
+    sum.absent += view.missing.absent;
+    sum.surplus += view.missing.surplus;
+  }
+  std::string out;
+  const auto add = [&](std::uint64_t count, const char* what) {
+    if (count > 0) out += fmt::format("{}{} {}", out.empty() ? "" : ", ", count, what);
+  };
+  add(sum.zero, "zero");
+  add(sum.negative, "negative");
+  add(sum.not_finite, "not finite");
+  add(sum.named, "named invalid");
+  add(sum.flagged, "flagged invalid by the file");
+  add(sum.absent, "without a record");
+  if (sum.surplus > 0)
+    out += fmt::format("{}{} points beyond the first of their pixel", out.empty() ? "" : "; ", sum.surplus);
+  return out.empty() ? out : "pixels without a sample: " + out + "\n";
+}
+
 std::string problems_text(const Survey& found) {
   std::string out;
   for (const ViewSurvey& view : found.views)
@@ -172,8 +202,8 @@ void run(const InfoArguments& arguments) {
     fmt::print("{}\n", to_json(scene, found, *context).dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
   } else {
     fmt::print("{}: {} views, {} usable\n", scene.file.string(), found.views.size(), found.usable_views());
-    for (const std::string& part :
-         {problems_text(found), views_text(found), sensors_text(found), arguments.pairs ? pairs_text(found) : ""})
+    for (const std::string& part : {problems_text(found), views_text(found), missing_text(found), sensors_text(found),
+                                    arguments.pairs ? pairs_text(found) : ""})
       if (!part.empty()) fmt::print("\n{}", part);
     fmt::print("\n{}", registration_text(found));
   }

@@ -23,8 +23,8 @@ struct IntegrateArguments {
 // Refused before the work starts, not after it.
 void check_output(const std::filesystem::path& output) {
   const std::string ending = output.extension().string();
-  if (ending != ".ply" && ending != ".glb" && ending != ".obj")
-    throw CLI::ValidationError("--output", "must end in .ply, .glb or .obj: " + output.string());
+  if (ending != ".ply" && ending != ".glb" && ending != ".obj" && ending != ".stl")
+    throw CLI::ValidationError("--output", "must end in .ply, .glb, .obj or .stl: " + output.string());
   const auto folder = output.has_parent_path() ? output.parent_path() : std::filesystem::path(".");
   if (!std::filesystem::is_directory(folder)) throw IoError(folder, "no such folder");
 }
@@ -50,7 +50,8 @@ void run(const IntegrateArguments& arguments) {
   options.atlas.page_size = arguments.page_size;
   options.check_self_intersections = !arguments.report.empty();
   const bool is_ply = std::filesystem::path(arguments.output).extension() == ".ply";
-  options.color = arguments.no_texture ? ColorOutput::kNone : is_ply ? ColorOutput::kVertices : ColorOutput::kAtlas;
+  const bool is_bare = arguments.no_texture || std::filesystem::path(arguments.output).extension() == ".stl";
+  options.color = is_bare ? ColorOutput::kNone : is_ply ? ColorOutput::kVertices : ColorOutput::kAtlas;
 
   const IntegrateResult result = integrate(scene, options, *context);
   {
@@ -71,7 +72,9 @@ void add_integrate_command(CLI::App& app) {
   CLI::App* command = app.add_subcommand("integrate", "Integrate the views of a scene into one textured mesh");
   command->add_option("scene", arguments->scene, "scene.json, a Stanford .conf, or a folder that is recognised")
       ->required();
-  command->add_option("-o,--output", arguments->output, "Result: .ply (vertex colours), .glb or .obj (texture)")
+  command
+      ->add_option("-o,--output", arguments->output,
+                   "Result: .ply (vertex colours), .glb or .obj (texture), .stl (triangles alone)")
       ->required();
   command->add_option("--report", arguments->report, "Write a report of stages, thresholds and mesh health, as JSON");
   command->add_flag("--no-texture", arguments->no_texture, "Geometry only");

@@ -23,8 +23,8 @@ struct ReduceArguments {
 void check(const ReduceArguments& arguments) {
   const std::filesystem::path output = arguments.output;
   const std::string ending = output.extension().string();
-  if (ending != ".ply" && ending != ".glb" && ending != ".obj")
-    throw CLI::ValidationError("--output", "must end in .ply, .glb or .obj: " + output.string());
+  if (ending != ".ply" && ending != ".glb" && ending != ".obj" && ending != ".stl")
+    throw CLI::ValidationError("--output", "must end in .ply, .glb, .obj or .stl: " + output.string());
   if (!(std::isfinite(arguments.ratio) && arguments.ratio >= 0 && arguments.ratio <= 1))
     throw CLI::ValidationError("--ratio", fmt::format("must be between 0 and 1: {}", arguments.ratio));
   if (!(std::isfinite(arguments.max_error_mm) && arguments.max_error_mm >= 0))
@@ -59,7 +59,8 @@ void add_reduce_command(CLI::App& app) {
   auto arguments = std::make_shared<ReduceArguments>();
   CLI::App* command = app.add_subcommand("reduce", "Fewer triangles for the same surface, by default within its noise");
   command->add_option("mesh", arguments->input, "Mesh to reduce: PLY, OBJ or GLB")->required();
-  command->add_option("-o,--output", arguments->output, "Result: .ply, .glb or .obj, without texture")->required();
+  command->add_option("-o,--output", arguments->output, "Result: .ply, .glb, .obj or .stl, without texture")
+      ->required();
   CLI::Option* triangles = command->add_option("--triangles", arguments->triangles, "Stop at this many triangles")
                                ->check(CLI::Range(std::uint64_t(1), std::uint64_t(4'000'000'000)));
   command->add_option("--ratio", arguments->ratio, "Stop at this share of the triangles, 0 to 1")->excludes(triangles);

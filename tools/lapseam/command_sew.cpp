@@ -26,8 +26,8 @@ struct SewArguments {
 // Refused before the work starts, not after it.
 void check_output(const std::filesystem::path& output) {
   const std::string ending = output.extension().string();
-  if (ending != ".ply" && ending != ".glb" && ending != ".obj")
-    throw CLI::ValidationError("--output", "must end in .ply, .glb or .obj: " + output.string());
+  if (ending != ".ply" && ending != ".glb" && ending != ".obj" && ending != ".stl")
+    throw CLI::ValidationError("--output", "must end in .ply, .glb, .obj or .stl: " + output.string());
   const auto folder = output.has_parent_path() ? output.parent_path() : std::filesystem::path(".");
   if (!std::filesystem::is_directory(folder)) throw IoError(folder, "no such folder");
 }

@@ -135,10 +135,12 @@ int run(int argc, char** argv) {
   // In the order of the pipeline, which is the order of the help text.
   add_simulate_command(app);
   add_manifest_command(app);
+  add_convert_command(app);
   add_info_command(app);
   add_integrate_command(app);
   add_sew_command(app);
   add_reduce_command(app);
+  add_tiles_command(app);
   add_render_command(app);
   add_evaluate_command(app);
   app.footer(kFooter);  // last, since commands inherit it

@@ -1,0 +1,40 @@
+#pragma once
+
+// A scan of a file that holds points rather than ranges (E57, PTX, PCD): what its reader offers, and how a view comes
+// of it. Scans are streamed; what is kept are ranges.
+
+#include <memory>
+#include <optional>
+
+#include "io/grid_sensor.h"
+#include "io/scene_formats.h"
+
+namespace lapseam {
+
+class GridScan {
+ public:
+  /// A valid sample (u = −1 without a grid) and its colour; black where the scan has none.
+  using Visit = std::function<void(const GridSample&, Rgb8)>;
+
+  virtual ~GridScan() = default;
+  /// Nothing where points have no rows and columns.
+  virtual std::optional<ImageSize> size() const = 0;
+  virtual std::optional<Eigen::Isometry3d> T_world_scan() const = 0;
+  virtual bool has_color() const = 0;
+  /// The valid samples in the file's order, the first of each pixel. Counts the others; `absent` is left to the caller.
+  virtual MissingSamples visit(const Visit& visit) const = 0;
+};
+
+/// The format's own scan, by RangeSource::format, index and offset.
+std::unique_ptr<GridScan> open_scan(const Source& source, RangeFormat format, std::uint32_t index,
+                                    std::uint64_t offset);
+bool holds_scans(RangeFormat format);
+
+/// Finds sensor and pose of the draft's scan, and its colours where there is no other colour image.
+void complete_from_scan(const Source& source, const GridScan& scan, ViewDraft& draft);
+/// Range image and counts; view.sensor is the one that complete_from_scan has found, or is found now.
+void load_scan(const Source& source, const GridScan& scan, const std::optional<Sensor>& sensor, View& view);
+/// The scan's own colours, in its grid.
+ColorImage load_scan_color(const Source& source, const GridScan& scan, const Sensor& camera);
+
+}  // namespace lapseam
