@@ -6,6 +6,7 @@
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "lapseam/evaluate.h"
+#include "lapseam/evaluate_novel.h"
 #include "lapseam/evaluate_views.h"
 #include "lapseam/fill_holes.h"
 #include "lapseam/health.h"
