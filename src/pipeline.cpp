@@ -231,13 +231,20 @@ class Integration {
   }
 
   void color() {
-    const bool has_color = std::any_of(scene_.views.begin(), scene_.views.end(),
-                                       [](const ViewSource& view) { return view.color.has_value(); });
+    // An image of a view that was left out is no part of the model.
+    std::vector<ViewSource> sources = scene_.views;
+    for (std::size_t i = 0; i < sources.size(); ++i)
+      if (!std::binary_search(source_index_.begin(), source_index_.end(), std::uint32_t(i))) sources[i].color.reset();
+    const bool has_color =
+        std::any_of(sources.begin(), sources.end(), [](const ViewSource& view) { return view.color.has_value(); });
     if (!has_color || options_.color == ColorOutput::kNone) return;
-    if (options_.color == ColorOutput::kVertices)
-      color_vertices(result_.mesh, scene_.views, context_);
-    else
-      result_.report.atlas = build_atlas(result_.mesh, scene_.views, options_.atlas, context_);
+    TextureOptions limits = options_.texture;
+    limits.registration_error_m = result_.report.registration_error_m;
+    Mesh& mesh = result_.mesh;
+    result_.report.texture = texture(mesh, sources, limits, context_);
+    if (options_.color != ColorOutput::kVertices) return;
+    color_vertices(mesh, context_);
+    drop_texture(mesh);
   }
 
   const Scene& scene_;

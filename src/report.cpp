@@ -41,6 +41,25 @@ Json of_view(const ViewReport& view) {
 
 }  // namespace
 
+std::string to_json(const TextureReport& t) {
+  const Json json = {{"charts", t.charts},
+                     {"pages", t.pages},
+                     {"page_pixels", t.page_pixels},
+                     {"chart_pixels", t.chart_pixels},
+                     {"used_pixels", t.used_pixels},
+                     {"fill_percent", 100 * t.fill()},
+                     {"fringe_pixels", t.fringe_pixels},
+                     {"unseen_triangles", t.unseen_triangles},
+                     {"retaken_triangles", t.retaken_triangles},
+                     {"scale", t.scale},
+                     {"observations", t.observations},
+                     {"lowest_gain", t.lowest_gain},
+                     {"highest_gain", t.highest_gain},
+                     {"color_residual_before_percent", 100 * t.color_residual_before},
+                     {"color_residual_after_percent", 100 * t.color_residual_after}};
+  return json.dump();
+}
+
 std::string to_json(const IntegrateReport& report, const Context& context) {
   Json json;
   json["format"] = "lapseam-report";
@@ -64,11 +83,7 @@ std::string to_json(const IntegrateReport& report, const Context& context) {
   json["cracks"] = Json::parse(to_json(report.cracks));
   json["fill_holes"] = Json::parse(to_json(report.fill_holes));
   json["triangles_before_reduction"] = report.triangles_before_reduction;
-  json["atlas"] = {{"charts", report.atlas.charts},
-                   {"pages", report.atlas.pages},
-                   {"page_pixels", report.atlas.page_pixels},
-                   {"chart_pixels", report.atlas.chart_pixels},
-                   {"untextured_triangles", report.atlas.untextured_triangles}};
+  json["texture"] = Json::parse(to_json(report.texture));
   json["health"] = Json::parse(to_json(report.health));
   json["warnings"] = context.warnings();
   return json.dump(1);

@@ -24,7 +24,7 @@ class Context;
 
 enum class ColorOutput {
   kNone,
-  kVertices,  ///< one colour per vertex, from its own view
+  kVertices,  ///< one colour per vertex, from the texture
   kAtlas,     ///< texture pages and coordinates
 };
 
@@ -35,7 +35,7 @@ struct IntegrateOptions {
   FillHolesOptions fill_holes{};
   /// The finished mesh is reduced when one of the limits is set. Views enter it reduced within their noise in any case.
   ReduceOptions reduce{};
-  AtlasOptions atlas{};
+  TextureOptions texture{};  ///< its registration error is the one that was found
   ColorOutput color = ColorOutput::kAtlas;
   /// Leave out every Nth view, from the first; 0: none. For measuring against views that were not used.
   int hold_out = 0;
@@ -79,7 +79,7 @@ struct IntegrateReport {
   std::uint64_t triangles_in_small_components = 0;
   FillHolesReport fill_holes;
   std::uint64_t triangles_before_reduction = 0;  ///< 0 when nothing was to be reduced
-  AtlasReport atlas;
+  TextureReport texture;
   MeshHealth health;
 };
 

@@ -8,6 +8,7 @@
 #include "lapseam/convert.h"
 #include "lapseam/error.h"
 #include "lapseam/evaluate.h"
+#include "lapseam/evaluate_novel.h"
 #include "lapseam/evaluate_views.h"
 #include "lapseam/fill_holes.h"
 #include "lapseam/health.h"

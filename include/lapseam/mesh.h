@@ -37,7 +37,8 @@ struct Mesh {
   std::vector<std::uint32_t> vertex_pixel;  ///< v·width + u in that view's range image
 
   // per triangle
-  std::vector<std::uint32_t> triangle_view;  ///< view that measured it; of a seam triangle, the one its texture is from
+  std::vector<std::uint32_t>
+      triangle_view;  ///< view that measured it; of a seam triangle, that of most of its vertices
   std::vector<TriangleTag> triangle_tag;
 
   // texture: three coordinates a triangle, origin at the top left of the page, in [0, 1]
@@ -51,6 +52,9 @@ struct Mesh {
 
 /// Throws InvalidInput when an array has the wrong length, an index is out of range, or a position is not finite.
 void check_mesh(const Mesh& mesh);
+
+/// Leaves the mesh without texture coordinates and pages.
+void drop_texture(Mesh& mesh);
 
 /// Drops triangles where keep is 0, then vertices that nothing uses; order is kept. keep: one per triangle.
 Mesh compact(const Mesh& mesh, const std::vector<std::uint8_t>& keep);

@@ -66,6 +66,12 @@ struct RenderOptions {
   Rgb8 background{30, 32, 36};
 };
 
+/// A picture, and the share of each pixel's rays that met a front face, 0 to 1.
+struct CoveredPicture {
+  ColorImage image;
+  Image<float> coverage;
+};
+
 /// Builds what rays need once, for any number of pictures. The mesh has to live as long.
 class Renderer {
  public:
@@ -77,6 +83,7 @@ class Renderer {
   /// The same bytes for any number of threads. Throws InvalidInput for a mode that the mesh has no data for (a textured
   /// picture needs pages or vertex colours), a picture over kMaxPixels, or options out of their range.
   ColorImage render(const RenderCamera& camera, const RenderOptions& options, Context& context) const;
+  CoveredPicture render_covered(const RenderCamera& camera, const RenderOptions& options, Context& context) const;
 
  private:
   struct Impl;

@@ -1,9 +1,11 @@
 #pragma once
 
-// Colour for the integrated mesh, from the images its triangles were measured with. After Sun et al. 2000, §2.4.
+// Colour for the integrated mesh, from the images of its views. After Sun et al. 2000, §2.4, and beyond:
+// docs/textures.md.
 
 #include <cstdint>
 #include <span>
+#include <string>
 
 #include "lapseam/mesh.h"
 #include "lapseam/view.h"
@@ -12,27 +14,49 @@ namespace lapseam {
 
 class Context;
 
-struct AtlasOptions {
-  int page_size = 4096;  ///< largest width and height of a page, pixels; at least 64
-  int padding_px = 2;    ///< source pixels kept around each chart, so that filtering finds the right neighbours
+struct TextureOptions {
+  int page_size = 4096;            ///< largest width and height of a page, pixels; at least 64
+  std::uint64_t memory_bytes = 0;  ///< most that all pages may take, three bytes a pixel; 0: no limit
+  double texel_m = 0;              ///< no region gets finer pixels than this, on the mean; 0: those of its image
+  bool equalize = true;            ///< one exposure, white balance and vignetting for all images
+  bool level = true;               ///< take the steps out of the borders between images
+  bool choose = true;              ///< let better images take over from those that triangles were measured with
+  /// How far views are apart from each other: colour near jumps of depth is not trusted within that.
+  double registration_error_m = 0;
 };
 
-struct AtlasReport {
+struct TextureReport {
   std::uint64_t charts = 0;
   std::uint64_t pages = 0;
   std::uint64_t page_pixels = 0;
-  std::uint64_t chart_pixels = 0;          ///< pixels of chart rectangles, padding included
-  std::uint64_t untextured_triangles = 0;  ///< their view has no colour, or its camera does not see them
+  std::uint64_t used_pixels = 0;        ///< whose centres lie in a triangle
+  std::uint64_t chart_pixels = 0;       ///< of the charts' blocks: used ones and the padding that filtering reads
+  std::uint64_t fringe_pixels = 0;      ///< of the used ones, those that were replaced for lying near a jump of depth
+  std::uint64_t unseen_triangles = 0;   ///< that no image shows: they have vertex colours of what is around them
+  std::uint64_t retaken_triangles = 0;  ///< that show another image than the one they were measured with
+  double scale = 1;                     ///< by which the memory limit made all images smaller
+  std::uint64_t observations = 0;       ///< that exposures were estimated from
+  double lowest_gain = 1, highest_gain = 1;                    ///< of the views, mean of the channels
+  double color_residual_before = 0, color_residual_after = 0;  ///< median, as a share of the colour
+
+  /// Of the pages' pixels, those that triangles show.
+  double fill() const { return page_pixels > 0 ? double(used_pixels) / double(page_pixels) : 0; }
 };
 
-/// Gives each triangle coordinates in the image of its view (triangle_view) by projection (a seam triangle that this
-/// view's camera sees only in part gets another of its corners' views), and packs the used rectangles of all images
-/// into pages. A chart is a set of connected triangles of one view. Source pixels are copied, not resampled. Images are
-/// decoded in parallel, at most one per thread at a time. `sources[i]` is view i of the mesh's provenance.
-/// Deterministic. Throws what load_color throws.
-AtlasReport build_atlas(Mesh& mesh, std::span<const ViewSource> sources, const AtlasOptions& options, Context& context);
+/// Gives each triangle coordinates in one of the images that show it wholly and unoccluded, and packs what is used of
+/// all images into pages: pixels are copied, not resampled, unless a limit, or a large triangle under perspective,
+/// demands it. Triangles that no image shows have no page; then the mesh gets vertex colours, which continue those
+/// around them. `sources[i]` is view i of the mesh's provenance; views without colour are no candidates. The mesh's
+/// provenance stays as it is; without it, any view may show any triangle. Images are decoded at most twice, one per
+/// thread at a time; memory otherwise: the pages, and about 100 bytes a triangle. The same bytes for any number of
+/// threads. Throws InvalidInput when a limit cannot be met, and what load_color throws.
+TextureReport texture(Mesh& mesh, std::span<const ViewSource> sources, const TextureOptions& options, Context& context);
 
-/// Gives each vertex the colour of its own view (bilinear); mid grey where that view has no colour or does not see it.
-void color_vertices(Mesh& mesh, std::span<const ViewSource> sources, Context& context);
+/// As JSON text.
+std::string to_json(const TextureReport& report);
+
+/// Gives each vertex the colour that the texture has there (mean over its triangles). Vertices of untextured triangles
+/// alone take the colours of those around them, mid grey where there are none.
+void color_vertices(Mesh& mesh, Context& context);
 
 }  // namespace lapseam

@@ -45,6 +45,12 @@ void check_mesh(const Mesh& mesh) {
             "triangle " + std::to_string(i) + " uses vertex " + std::to_string(v) + " of " + std::to_string(vertices));
 }
 
+void drop_texture(Mesh& mesh) {
+  mesh.texcoords = {};
+  mesh.triangle_page = {};
+  mesh.pages = {};
+}
+
 Mesh compact(const Mesh& mesh, const std::vector<std::uint8_t>& keep) {
   Mesh out = mesh;
   keep_marked(out.triangles, keep);

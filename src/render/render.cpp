@@ -86,19 +86,23 @@ class Picture {
           const RenderOptions& options)
       : mesh_(mesh), scene_(scene), rays_(rays), surface_(surface), options_(options) {}
 
-  Color pixel(int x, int y) const {
+  /// coverage: share of the pixel's rays that met a front face.
+  Color pixel(int x, int y, float& coverage) const {
     const int n = options_.samples_per_side;
     Color sum = Color::Zero();
+    int fronts = 0;
     for (int j = 0; j < n; ++j)
-      for (int i = 0; i < n; ++i) sum += sample(x + (i + 0.5) / n - 0.5, y + (j + 0.5) / n - 0.5);
+      for (int i = 0; i < n; ++i) sum += sample(x + (i + 0.5) / n - 0.5, y + (j + 0.5) / n - 0.5, fronts);
+    coverage = float(fronts) / float(n * n);
     return sum / float(n * n);
   }
 
  private:
-  Color sample(double x, double y) const {
+  Color sample(double x, double y, int& fronts) const {
     const Ray ray = rays_.ray(x, y);
     const SurfaceHit surface = cast_visible(scene_, mesh_, ray, options_.cull_backfaces);
     if (!surface.hit) return to_color(options_.background);
+    fronts += !surface.is_backface;
     const Color color = surface_.shade(surface.hit, ray.direction.cast<float>(), surface.is_backface);
     const bool is_wire = options_.show_wireframe &&
                          edge_distance_px(mesh_, surface.hit.triangle, rays_, x, y) < 0.5 * options_.wireframe_width_px;
@@ -149,6 +153,11 @@ Renderer::Renderer(Renderer&&) noexcept = default;
 Renderer& Renderer::operator=(Renderer&&) noexcept = default;
 
 ColorImage Renderer::render(const RenderCamera& camera, const RenderOptions& options, Context& context) const {
+  return render_covered(camera, options, context).image;
+}
+
+CoveredPicture Renderer::render_covered(const RenderCamera& camera, const RenderOptions& options,
+                                        Context& context) const {
   const Mesh& mesh = impl_->mesh;
   const RayMaker rays(camera, mesh.origin_m);
   check_options(rays, options);
@@ -158,13 +167,14 @@ ColorImage Renderer::render(const RenderCamera& camera, const RenderOptions& opt
   const Picture picture(mesh, impl_->scene, rays, surface, options);
 
   StageScope stage(context, "render", std::uint64_t(rays.height()));
-  ColorImage image(rays.width(), rays.height());
+  CoveredPicture out{ColorImage(rays.width(), rays.height()), Image<float>(rays.width(), rays.height())};
   parallel_for(context, std::size_t(rays.height()), 1, [&](std::size_t row) {
-    for (int x = 0; x < image.width; ++x) image.at(x, int(row)) = to_rgb8(picture.pixel(x, int(row)));
+    for (int x = 0, y = int(row); x < out.image.width; ++x)
+      out.image.at(x, y) = to_rgb8(picture.pixel(x, y, out.coverage.at(x, y)));
     stage.advance();
   });
-  if (options.show_boundary) impl_->draw_edges(image, rays, options, context);
-  return image;
+  if (options.show_boundary) impl_->draw_edges(out.image, rays, options, context);
+  return out;
 }
 
 ColorImage render(const Mesh& mesh, const RenderCamera& camera, const RenderOptions& options, Context& context) {

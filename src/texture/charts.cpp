@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <memory>
+#include <tuple>
 
 #include "core/disjoint_sets.h"
 #include "core/parallel.h"
@@ -11,126 +11,253 @@
 namespace lapseam {
 namespace {
 
-// Root triangle of each triangle's region: same view, joined by edges.
-std::vector<std::uint32_t> find_regions(const Mesh& mesh, const std::vector<std::uint32_t>& view_of_triangle) {
-  struct Side {
-    std::uint64_t edge;
-    std::uint32_t triangle;
+// Bilinear lookup in mip level 3 reads the blocks of the four nearest block centres: half a block around each point.
+constexpr float kReach_px = 0.5f * kBlock_px + 0.5f;
+constexpr float kAffine_px = 0.25f;
+// Blocks left of and above an image that its triangles' surroundings may reach into.
+constexpr int kMargin = 2;
+
+using Corners = std::array<Eigen::Vector2f, 3>;
+
+/// Whether a triangle meets a rectangle: no side of either parts them.
+bool meets(const Corners& p, const Eigen::Vector2f& low, const Eigen::Vector2f& high) {
+  const Eigen::Vector2f middle = 0.5f * (low + high), half = 0.5f * (high - low);
+  for (std::size_t k = 0; k < 3; ++k) {
+    const Eigen::Vector2f side = p[(k + 1) % 3] - p[k];
+    const Eigen::Vector2f normal(-side.y(), side.x());
+    const float radius = std::abs(normal.x()) * half.x() + std::abs(normal.y()) * half.y();
+    const float a = normal.dot(p[k] - middle), b = normal.dot(p[(k + 2) % 3] - middle);
+    if (std::min(a, b) > radius || std::max(a, b) < -radius) return false;
+  }
+  return true;
+}
+
+/// Visits the blocks that lookups in a triangle read. Pixel x lies in block floor((x + ½) / size) of the page.
+template <typename Visit>
+void for_blocks(const Corners& p, const Visit& visit) {
+  const Eigen::Vector2f low = p[0].cwiseMin(p[1]).cwiseMin(p[2]), high = p[0].cwiseMax(p[1]).cwiseMax(p[2]);
+  const auto block = [](float x) { return int(std::floor((x + 0.5f) / float(kBlock_px))); };
+  for (int v = block(low.y() - kReach_px); v <= block(high.y() + kReach_px); ++v)
+    for (int u = block(low.x() - kReach_px); u <= block(high.x() + kReach_px); ++u) {
+      const Eigen::Vector2f from(float(u * kBlock_px) - 0.5f - kReach_px, float(v * kBlock_px) - 0.5f - kReach_px);
+      const Eigen::Vector2f to = from.array() + float(kBlock_px) + 2 * kReach_px;
+      if (meets(p, from, to)) visit(u, v);
+    }
+}
+
+/// Corners in the image, brought to one side of a panorama's seam. Whether they tell where the rest is.
+bool project_triangle(const std::array<Eigen::Vector3f, 3>& corners_m, const ColorCamera& camera, Corners& p,
+                      bool& is_affine) {
+  for (std::size_t k = 0; k < 3; ++k)
+    if (!camera.project(corners_m[k], p[k])) return false;
+  if (camera.wraps()) unwrap(p, camera.width());
+  is_affine = true;
+  for (std::size_t k = 0; k < 3; ++k) {
+    Eigen::Vector2f middle;
+    const std::size_t next = (k + 1) % 3;
+    if (!camera.project(0.5f * (corners_m[k] + corners_m[next]), middle)) return false;
+    Eigen::Vector2f off = middle - 0.5f * (p[k] + p[next]);
+    if (camera.wraps()) off.x() -= float(camera.width()) * std::round(off.x() / float(camera.width()));
+    is_affine = is_affine && off.norm() <= kAffine_px;
+  }
+  return true;
+}
+
+/// The triangles of one view at one scale, and the grid of their blocks.
+class Sheet {
+ public:
+  Sheet(std::uint32_t view, float scale, const ColorCamera& camera)
+      : view_(view),
+        scale_(scale),
+        columns_((camera.wraps() ? 2 : 1) * blocks(camera.width()) + 2 * kMargin),
+        rows_(blocks(camera.height()) + 2 * kMargin) {}
+
+  void add(std::uint32_t triangle) { triangles_.push_back(triangle); }
+
+  /// Cuts into charts; their triangles' pixels change from the scaled image's to the chart's.
+  std::vector<Chart> cut(int page_blocks, std::vector<Corners>& pixels) const {
+    const std::size_t count = std::size_t(columns_) * std::size_t(rows_);
+    DisjointSets sets(count);
+    for (const std::uint32_t i : triangles_) {
+      std::uint32_t first = kInvalidIndex;
+      for_blocks(pixels[i], [&](int u, int v) {
+        const std::uint32_t block = index(u, v);
+        if (first == kInvalidIndex) first = block;
+        sets.unite(first, block);
+      });
+    }
+    std::vector<std::array<int, 4>> box(count, {columns_, rows_, -1, -1});
+    for (const std::uint32_t i : triangles_) extend(box[root_of(pixels[i], sets)], pixels[i]);
+    // By component, and by tiles of half a page for those that are larger than one.
+    std::map<std::tuple<std::uint32_t, int, int>, std::vector<std::uint32_t>> pieces;
+    for (const std::uint32_t i : triangles_) {
+      const std::uint32_t root = root_of(pixels[i], sets);
+      const auto& b = box[root];
+      const bool is_large = b[2] - b[0] >= page_blocks || b[3] - b[1] >= page_blocks;
+      const Eigen::Vector2f middle = (pixels[i][0] + pixels[i][1] + pixels[i][2]) / 3;
+      const float tile_px = 0.5f * float(page_blocks * kBlock_px);
+      const auto tile = [&](float x, int from) {
+        return is_large ? int((x - float((from - kMargin) * kBlock_px)) / tile_px) : 0;
+      };
+      pieces[{root, tile(middle.x(), b[0]), tile(middle.y(), b[1])}].push_back(i);
+    }
+    std::vector<Chart> charts;
+    for (auto& [key, triangles] : pieces) split(std::move(triangles), pixels, charts);
+    return charts;
+  }
+
+ private:
+  int blocks(int size_px) const { return int(std::ceil(float(size_px) * scale_ / float(kBlock_px))); }
+  std::uint32_t index(int u, int v) const {
+    u = std::clamp(u + kMargin, 0, columns_ - 1);
+    v = std::clamp(v + kMargin, 0, rows_ - 1);
+    return std::uint32_t(v) * std::uint32_t(columns_) + std::uint32_t(u);
+  }
+
+  std::uint32_t root_of(const Corners& p, DisjointSets& sets) const {
+    std::uint32_t root = kInvalidIndex;
+    for_blocks(p, [&](int u, int v) {
+      if (root == kInvalidIndex) root = sets.find(index(u, v));
+    });
+    return root;
+  }
+
+  void extend(std::array<int, 4>& box, const Corners& p) const {
+    for_blocks(p, [&](int u, int v) {
+      box = {std::min(box[0], u + kMargin), std::min(box[1], v + kMargin), std::max(box[2], u + kMargin),
+             std::max(box[3], v + kMargin)};
+    });
+  }
+
+  /// Cuts a chart in two, and its parts again, where their boxes are much smaller together: a chart like a frame leaves
+  /// holes that not enough small ones are there to fill.
+  void split(std::vector<std::uint32_t> triangles, std::vector<Corners>& pixels, std::vector<Chart>& charts) const {
+    Chart whole = make_chart(triangles, pixels);
+    const BlockShape& shape = whole.shape;
+    const Cut cut = find_cut(shape);
+    std::vector<std::uint32_t> low, high;
+    for (const std::uint32_t i : triangles) {
+      if (!cut.is_worth_it) break;
+      const Eigen::Vector2f middle = (pixels[i][0] + pixels[i][1] + pixels[i][2]) / 3 - corner_of(whole);
+      (middle[cut.axis] < float(cut.at * kBlock_px) ? low : high).push_back(i);
+    }
+    if (low.empty() || high.empty()) {
+      for (const std::uint32_t i : whole.triangles)
+        for (Eigen::Vector2f& q : pixels[i]) q -= corner_of(whole);
+      return charts.push_back(std::move(whole));
+    }
+    split(std::move(low), pixels, charts);
+    split(std::move(high), pixels, charts);
+  }
+
+  struct Cut {
+    bool is_worth_it = false;
+    int axis = 0, at = 0;
   };
-  std::vector<Side> sides;
-  for (std::uint32_t i = 0; i < mesh.triangle_count(); ++i) {
-    if (view_of_triangle[i] == kInvalidIndex) continue;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint64_t a = mesh.triangles[i][k], b = mesh.triangles[i][(k + 1) % 3];
-      sides.push_back({a < b ? a << 32 | b : b << 32 | a, i});
-    }
-  }
-  std::sort(sides.begin(), sides.end(),
-            [](const Side& x, const Side& y) { return x.edge != y.edge ? x.edge < y.edge : x.triangle < y.triangle; });
-  DisjointSets sets(mesh.triangle_count());
-  for (std::size_t i = 0; i + 1 < sides.size(); ++i)
-    if (sides[i].edge == sides[i + 1].edge &&
-        view_of_triangle[sides[i].triangle] == view_of_triangle[sides[i + 1].triangle])
-      sets.unite(sides[i].triangle, sides[i + 1].triangle);
-  std::vector<std::uint32_t> root(mesh.triangle_count());
-  for (std::uint32_t i = 0; i < root.size(); ++i) root[i] = sets.find(i);
-  return root;
-}
 
-// Brings the corners of a triangle across the seam of a panorama to one side.
-void unwrap(std::array<Eigen::Vector2f, 3>& p, int width) {
-  const float half = 0.5f * float(width);
-  const float right = std::max({p[0].x(), p[1].x(), p[2].x()});
-  for (Eigen::Vector2f& q : p)
-    if (right - q.x() > half) q.x() += float(width);
-}
-
-struct Box {
-  float u0 = 3e38f, v0 = 3e38f, u1 = -3e38f, v1 = -3e38f;
-  void extend(const std::array<Eigen::Vector2f, 3>& p) {
-    for (const Eigen::Vector2f& q : p) {
-      u0 = std::min(u0, q.x()), v0 = std::min(v0, q.y());
-      u1 = std::max(u1, q.x()), v1 = std::max(v1, q.y());
+  static Cut find_cut(const BlockShape& shape) {
+    constexpr int kSmallestPart = 4;
+    constexpr double kWorthIt = 0.85;
+    Cut best;
+    double smallest = kWorthIt * double(shape.width) * double(shape.height);
+    for (const int axis : {0, 1}) {
+      const int length = axis == 0 ? shape.width : shape.height, across = axis == 0 ? shape.height : shape.width;
+      // Of each line of blocks across the axis: how many are used, from where, and to where.
+      std::vector<std::array<int, 3>> lines;
+      for (int i = 0; i < length; ++i) {
+        std::array<int, 3> line{0, across, -1};
+        for (int j = 0; j < across; ++j) {
+          const int x = axis == 0 ? i : j, y = axis == 0 ? j : i;
+          if (!shape.used[std::size_t(y * shape.width + x)]) continue;
+          line = {line[0] + 1, std::min(line[1], j), std::max(line[2], j)};
+        }
+        lines.push_back(line);
+      }
+      for (int at = kSmallestPart; at <= length - kSmallestPart; ++at) {
+        // Both parts own the blocks beside the cut: one line of them and a half more each.
+        const double area =
+            box_area(lines, 0, at) + box_area(lines, at, length) + 2 * double(lines[std::size_t(at)][0]);
+        if (area < smallest) smallest = area, best = {true, axis, at};
+      }
     }
+    return best;
   }
+
+  static double box_area(const std::vector<std::array<int, 3>>& lines, int from, int to) {
+    int low = 1 << 30, high = -1;
+    for (int i = from; i < to; ++i) {
+      low = std::min(low, lines[std::size_t(i)][1]);
+      high = std::max(high, lines[std::size_t(i)][2]);
+    }
+    return high < low ? 0 : double(to - from) * double(high - low + 1);
+  }
+
+  static Eigen::Vector2f corner_of(const Chart& chart) {
+    return {float(chart.block_u0 * kBlock_px), float(chart.block_v0 * kBlock_px)};
+  }
+
+  Chart make_chart(std::vector<std::uint32_t> triangles, const std::vector<Corners>& pixels) const {
+    std::array<int, 4> box = {columns_, rows_, -1, -1};
+    for (const std::uint32_t i : triangles) extend(box, pixels[i]);
+    Chart chart;
+    chart.view = view_;
+    chart.scale = scale_;
+    chart.block_u0 = box[0] - kMargin;
+    chart.block_v0 = box[1] - kMargin;
+    chart.shape.width = box[2] - box[0] + 1;
+    chart.shape.height = box[3] - box[1] + 1;
+    chart.shape.used.assign(std::size_t(chart.shape.width) * std::size_t(chart.shape.height), 0);
+    for (const std::uint32_t i : triangles)
+      for_blocks(pixels[i], [&](int u, int v) {
+        chart.shape
+            .used[std::size_t(v - chart.block_v0) * std::size_t(chart.shape.width) + std::size_t(u - chart.block_u0)] =
+            1;
+      });
+    chart.triangles = std::move(triangles);
+    return chart;
+  }
+
+  std::uint32_t view_;
+  float scale_;
+  int columns_, rows_;
+  std::vector<std::uint32_t> triangles_;
 };
 
 }  // namespace
 
-ColorProjection::ColorProjection(const ViewSource& source, const Eigen::Vector3d& mesh_origin_m)
-    : camera_(source.color->camera),
-      T_color_mesh_((source.T_world_view * source.color->T_view_color).inverse() * Eigen::Translation3d(mesh_origin_m)),
-      width_(lapseam::width(camera_)),
-      height_(lapseam::height(camera_)),
-      wraps_(lapseam::wraps(camera_)) {}
-
-bool ColorProjection::project(const Eigen::Vector3f& position_m, Eigen::Vector2f& pixel) const {
-  const auto out = lapseam::project(camera_, T_color_mesh_ * position_m.cast<double>());
-  if (!out || !(out->r > 0)) return false;
-  pixel = {float(out->u), float(out->v)};
-  return pixel.x() >= -0.5f && pixel.x() <= float(width_) - 0.5f && pixel.y() >= -0.5f &&
-         pixel.y() <= float(height_) - 0.5f;
-}
-
-Charts make_charts(const Mesh& mesh, std::span<const ViewSource> sources, int padding_px, int largest_px,
-                   Context& context) {
+Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, std::span<const std::uint32_t> view_of_triangle,
+                   std::span<const float> scale_of_triangle, int page_blocks, Context& context) {
   Charts out;
-  out.source_pixels.resize(mesh.triangle_count());
+  out.pixels.resize(mesh.triangle_count());
   out.chart_of_triangle.assign(mesh.triangle_count(), kInvalidIndex);
-  std::vector<std::unique_ptr<ColorProjection>> projections(sources.size());
-  for (std::size_t i = 0; i < sources.size(); ++i)
-    if (sources[i].color) projections[i] = std::make_unique<ColorProjection>(sources[i], mesh.origin_m);
-
-  out.view_of_triangle.assign(mesh.triangle_count(), kInvalidIndex);
-  const auto try_view = [&](std::size_t i, std::uint32_t view) {
-    if (view >= projections.size() || !projections[view]) return false;
-    auto& p = out.source_pixels[i];
-    for (std::size_t k = 0; k < 3; ++k)
-      if (!projections[view]->project(mesh.positions_m[mesh.triangles[i][k]], p[k])) return false;
-    if (projections[view]->wraps()) unwrap(p, projections[view]->width());
-    out.view_of_triangle[i] = view;
-    return true;
-  };
+  out.is_resampled.assign(mesh.triangle_count(), 0);
+  std::vector<std::uint8_t> is_seen(mesh.triangle_count(), 0);
   parallel_for(context, mesh.triangle_count(), 16384, [&](std::size_t i) {
-    if (try_view(i, mesh.triangle_view[i])) return;
-    for (const std::uint32_t v : mesh.triangles[i])
-      if (!mesh.vertex_view.empty() && try_view(i, mesh.vertex_view[v])) return;
+    if (view_of_triangle[i] == kInvalidIndex) return;
+    const Triangle& t = mesh.triangles[i];
+    bool is_affine = false;
+    Corners& p = out.pixels[i];
+    is_seen[i] = project_triangle({mesh.positions_m[t[0]], mesh.positions_m[t[1]], mesh.positions_m[t[2]]},
+                                  *cameras[view_of_triangle[i]], p, is_affine);
+    out.is_resampled[i] = !is_affine;
+    for (Eigen::Vector2f& q : p) q = ((q.array() + 0.5f) * scale_of_triangle[i] - 0.5f).matrix();
   });
-
-  const std::vector<std::uint32_t> root = find_regions(mesh, out.view_of_triangle);
-  std::vector<Box> region_box(mesh.triangle_count());
-  for (std::size_t i = 0; i < root.size(); ++i)
-    if (out.view_of_triangle[i] != kInvalidIndex) region_box[root[i]].extend(out.source_pixels[i]);
-
-  // A region too large for a page is cut along a grid of half pages, by triangle centroid.
-  const float room = float(largest_px - 2 * padding_px - 2);
-  std::map<std::array<std::uint32_t, 3>, std::uint32_t> chart_of_piece;
-  std::vector<Box> boxes;
-  for (std::size_t i = 0; i < root.size(); ++i) {
-    if (out.view_of_triangle[i] == kInvalidIndex) continue;
-    const Box& box = region_box[root[i]];
-    std::array<std::uint32_t, 3> piece = {root[i], 0, 0};
-    if (box.u1 - box.u0 > room || box.v1 - box.v0 > room) {
-      const auto& p = out.source_pixels[i];
-      piece[1] = 1 + std::uint32_t((p[0].x() + p[1].x() + p[2].x()) / 3 / (room / 2) + 1);
-      piece[2] = 1 + std::uint32_t((p[0].y() + p[1].y() + p[2].y()) / 3 / (room / 2) + 1);
+  std::map<std::pair<std::uint32_t, float>, Sheet> sheets;
+  for (std::uint32_t i = 0; i < mesh.triangle_count(); ++i)
+    if (is_seen[i]) {
+      const std::pair key(view_of_triangle[i], scale_of_triangle[i]);
+      sheets.try_emplace(key, key.first, key.second, *cameras[key.first]).first->second.add(i);
     }
-    const auto [it, is_new] = chart_of_piece.try_emplace(piece, std::uint32_t(boxes.size()));
-    if (is_new) {
-      boxes.emplace_back();
-      out.charts.push_back({});
-      out.charts.back().view = out.view_of_triangle[i];
-    }
-    boxes[it->second].extend(out.source_pixels[i]);
-    out.chart_of_triangle[i] = it->second;
-  }
-  for (std::size_t c = 0; c < boxes.size(); ++c) {
-    Chart& chart = out.charts[c];
-    chart.u0 = int(std::floor(boxes[c].u0)) - padding_px;
-    chart.v0 = int(std::floor(boxes[c].v0)) - padding_px;
-    chart.width = int(std::ceil(boxes[c].u1)) + padding_px + 1 - chart.u0;
-    chart.height = int(std::ceil(boxes[c].v1)) + padding_px + 1 - chart.v0;
-  }
+  std::vector<const Sheet*> order;
+  for (const auto& [key, sheet] : sheets) order.push_back(&sheet);
+  std::vector<std::vector<Chart>> charts(order.size());
+  parallel_for(context, order.size(), 1, [&](std::size_t k) { charts[k] = order[k]->cut(page_blocks, out.pixels); });
+  for (std::vector<Chart>& some : charts)
+    for (Chart& chart : some) out.charts.push_back(std::move(chart));
+  std::sort(out.charts.begin(), out.charts.end(),
+            [](const Chart& a, const Chart& b) { return a.triangles.front() < b.triangles.front(); });
+  for (std::uint32_t c = 0; c < out.charts.size(); ++c)
+    for (const std::uint32_t i : out.charts[c].triangles) out.chart_of_triangle[i] = c;
   return out;
 }
 

@@ -1,51 +1,78 @@
 #pragma once
 
-// Connected regions of triangles that one image textures, and where they lie in it.
+// Regions of images that triangles show, as sets of square blocks, and where they lie in the pages.
 
-#include <Eigen/Geometry>
-#include <array>
+#include <Eigen/Core>
 #include <span>
 #include <vector>
 
 #include "lapseam/mesh.h"
-#include "lapseam/view.h"
+#include "texture/color_camera.h"
+#include "texture/packing.h"
 
 namespace lapseam {
 
-/// Position of a world point in a view's colour image, in pixels. False when the camera cannot see it.
-class ColorProjection {
- public:
-  ColorProjection(const ViewSource& source, const Eigen::Vector3d& mesh_origin_m);
-  bool project(const Eigen::Vector3f& position_m, Eigen::Vector2f& pixel) const;
-  int width() const { return width_; }
-  int height() const { return height_; }
-  bool wraps() const { return wraps_; }
+class Context;
 
- private:
-  const Sensor& camera_;
-  Eigen::Isometry3d T_color_mesh_;
-  int width_, height_;
-  bool wraps_;
-};
+/// Charts own whole blocks of the page. A texel of mip level 3 is the mean of a block, and a JPEG image is coded by
+/// blocks: neither mixes charts.
+inline constexpr int kBlock_px = 8;
 
+/// Pixels of one image, or of a smaller copy of it. Its blocks are aligned with those of the page.
 struct Chart {
   std::uint32_t view = 0;
-  int u0 = 0, v0 = 0, width = 0,
-      height = 0;              ///< rectangle in the source image, padding included; may pass its right edge
-  int page = 0, x = 0, y = 0;  ///< place in the atlas
+  float scale = 1;                         ///< pixels of the chart per pixel of the image
+  int block_u0 = 0, block_v0 = 0;          ///< where its first column and row of blocks lie in the scaled image
+  BlockShape shape;                        ///< blocks that it owns
+  BlockPlace place;                        ///< page, and blocks there
+  std::vector<std::uint32_t> triangles{};  ///< in increasing order
+
+  int x0() const { return place.x * kBlock_px; }
+  int y0() const { return place.y * kBlock_px; }
+  bool owns(int x, int y) const {  ///< pixel of the chart
+    return shape.used[std::size_t(y / kBlock_px) * std::size_t(shape.width) + std::size_t(x / kBlock_px)] != 0;
+  }
+  /// From a pixel of the chart to the image's, and back.
+  Eigen::Vector2f to_image(const Eigen::Vector2f& p) const {
+    const Eigen::Vector2f corner(float(block_u0 * kBlock_px), float(block_v0 * kBlock_px));
+    return ((p + corner).array() + 0.5f) / scale - 0.5f;
+  }
+  Eigen::Vector2f from_image(const Eigen::Vector2f& p) const {
+    const Eigen::Vector2f corner(float(block_u0 * kBlock_px), float(block_v0 * kBlock_px));
+    return ((p.array() + 0.5f) * scale - 0.5f).matrix() - corner;
+  }
 };
 
 struct Charts {
   std::vector<Chart> charts;
-  std::vector<std::uint32_t> view_of_triangle;   ///< whose image textures it; the mesh's, or a seam's other one
-  std::vector<std::uint32_t> chart_of_triangle;  ///< kInvalidIndex: untextured
-  std::vector<std::array<Eigen::Vector2f, 3>> source_pixels;  ///< per triangle, in its source image
+  std::vector<std::uint32_t> chart_of_triangle;        ///< kInvalidIndex: no image shows it
+  std::vector<std::array<Eigen::Vector2f, 3>> pixels;  ///< corners of each triangle in its chart
+  std::vector<std::uint8_t> is_resampled;  ///< the image of the triangle is no affine copy of it, to a quarter pixel
 };
 
-/// A triangle is textured from its own view; where that one's camera does not see all of it (seams at the frame of an
-/// image), from the first of its corners' views that does. Charts whose rectangle would exceed `largest_px` are cut
-/// into pieces. Numbered by their first triangle.
-Charts make_charts(const Mesh& mesh, std::span<const ViewSource> sources, int padding_px, int largest_px,
-                   Context& context);
+/// view_of_triangle: kInvalidIndex for none. scale_of_triangle: over 0 to 1, the same for all of a region. Triangles of
+/// one view and scale whose blocks meet share a chart; what is larger than a page is cut. Every block that a texture
+/// lookup at a point of a triangle reads at mip levels 0 to 3 (bilinear in each) is owned. Numbered by first triangle.
+Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, std::span<const std::uint32_t> view_of_triangle,
+                   std::span<const float> scale_of_triangle, int page_blocks, Context& context);
+
+/// Visits the pixels of a chart whose centres lie in a triangle, widened by `margin_px`: visit(x, y, b1, b2) with the
+/// weights of the second and third corner.
+template <typename Visit>
+void for_pixels(const std::array<Eigen::Vector2f, 3>& p, float margin_px, const Visit& visit) {
+  const Eigen::Vector2f ab = p[1] - p[0], ac = p[2] - p[0];
+  const float area = ab.x() * ac.y() - ab.y() * ac.x();
+  if (area == 0) return;
+  const Eigen::Vector2f low = p[0].cwiseMin(p[1]).cwiseMin(p[2]), high = p[0].cwiseMax(p[1]).cwiseMax(p[2]);
+  // A weight falls from 1 to 0 over the height above its side.
+  const float scale = margin_px / std::abs(area);
+  const float m0 = scale * (ac - ab).norm(), m1 = scale * ac.norm(), m2 = scale * ab.norm();
+  for (int y = int(std::ceil(low.y() - margin_px)); float(y) <= high.y() + margin_px; ++y)
+    for (int x = int(std::ceil(low.x() - margin_px)); float(x) <= high.x() + margin_px; ++x) {
+      const Eigen::Vector2f ap(float(x) - p[0].x(), float(y) - p[0].y());
+      const float b1 = (ap.x() * ac.y() - ap.y() * ac.x()) / area, b2 = (ab.x() * ap.y() - ab.y() * ap.x()) / area;
+      if (b1 >= -m1 && b2 >= -m2 && 1 - b1 - b2 >= -m0) visit(x, y, b1, b2);
+    }
+}
 
 }  // namespace lapseam

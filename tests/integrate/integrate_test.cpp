@@ -203,7 +203,7 @@ TEST(Integrate, ReportIsCompleteJson) {
        {"\"stages\"", "\"peak_rss_bytes\"", "\"sensors\"", "\"step_m\"", "\"registration_error_m\"",
         "\"triangles_in_model\"", "\"seam_triangles\"", "\"samples_claimed\"", "\"nonmanifold_edges\"", "\"charts\""})
     EXPECT_NE(json.find(key), std::string::npos) << key;
-  EXPECT_EQ(result.report.atlas.untextured_triangles, 0u);
+  EXPECT_EQ(result.report.texture.unseen_triangles, 0u);
 }
 
 }  // namespace

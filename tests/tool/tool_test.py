@@ -19,7 +19,7 @@ import zlib
 from pathlib import Path
 
 TOOL = os.environ.get("LAPSEAM_TOOL", "build/release/lapseam")
-COMMANDS = ["simulate", "manifest", "convert", "info", "integrate", "sew", "reduce", "tiles", "render", "evaluate"]
+COMMANDS = ["simulate", "manifest", "convert", "info", "integrate", "texture", "sew", "reduce", "tiles", "render", "evaluate"]
 
 
 def run(*arguments, environment=None, **options):
@@ -284,6 +284,35 @@ class Integrate(ToolTest):
             triangles.append(int(re.search(r"element face (\d+)", header)[1]))
         self.assertLess(triangles[1], triangles[0])
         self.assertGreater(triangles[1], 100)
+
+    def test_texture_colours_a_mesh_and_novel_views_measure_it(self):
+        room, f = self.folder / "room", self.folder
+        scene = room / "scene.json"
+        self.expect_ok("simulate", "room", "-o", room, "--views", "8", "--size", "80x60")
+        self.expect_ok("integrate", scene, "-o", f / "bare.ply", "--hold-out", "4", "--no-texture")
+        self.expect_ok("integrate", scene, "-o", f / "whole.glb", "--hold-out", "4")
+        self.expect_ok("texture", f / "bare.ply", scene, "-o", f / "room.glb", "--hold-out", "4", "--report", f / "t.json")
+        self.assertEqual((f / "room.glb").read_bytes(), (f / "whole.glb").read_bytes())
+        report = json.loads((f / "t.json").read_text())["texture"]
+        self.assertGreater(report["used_pixels"], 1000)
+        self.assertGreaterEqual(report["page_pixels"], report["chart_pixels"])
+        self.expect_ok("evaluate", f / "room.glb", "--novel", scene, "--only-every", "4", "--json", f / "e.json")
+        novel = json.loads((f / "e.json").read_text())
+        self.assertEqual([view["view"] for view in novel["views"]],
+                         [json.loads(scene.read_text())["views"][i]["name"] for i in (0, 4)])
+        self.assertGreater(novel["mean_psnr_db"], 10)
+        self.assertGreater(novel["steps"]["samples"], 0)
+        size = {}
+        for limit in (["--texel", "200"], ["--texture-memory", "0.05"], ["--no-level", "--no-equalize"]):
+            self.expect_ok("texture", f / "bare.ply", scene, "-o", f / "small.glb", "--hold-out", "4", "--report",
+                           f / "t.json", *limit)
+            size[limit[0]] = json.loads((f / "t.json").read_text())["texture"]["page_pixels"]
+        self.assertLess(size["--texel"], report["page_pixels"] / 2)
+        self.assertLessEqual(3 * size["--texture-memory"], 50000)
+        self.expect_usage_error("evaluate", f / "room.glb", f / "bare.ply", "--novel", scene, names=["--novel"])
+        # A mesh of more views than the scene has belongs to another one.
+        save(self.folder / "other", write_wall_scene(self.folder / "other", views=2))
+        self.expect_failure(1, "texture", f / "bare.ply", self.folder / "other", "-o", f / "x.glb", names=["view"])
 
     def test_manifest_folder_and_conf_are_scenes(self):
         save(self.folder / "wall", write_wall_scene(self.folder / "wall"))

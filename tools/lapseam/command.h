@@ -27,6 +27,7 @@ std::unique_ptr<Context> make_context(const CommonOptions& options);
 void add_integrate_command(CLI::App& app);
 void add_info_command(CLI::App& app);
 void add_simulate_command(CLI::App& app);
+void add_texture_command(CLI::App& app);
 void add_sew_command(CLI::App& app);
 void add_evaluate_command(CLI::App& app);
 void add_reduce_command(CLI::App& app);

@@ -8,6 +8,7 @@
 #include "command.h"
 #include "lapseam/error.h"
 #include "lapseam/evaluate.h"
+#include "lapseam/evaluate_novel.h"
 #include "lapseam/io.h"
 #include "lapseam/smooth.h"
 #include "lapseam/survey.h"
@@ -17,7 +18,7 @@ namespace {
 
 struct EvaluateArguments {
   CommonOptions common;
-  std::string result, truth, views, measured, json;
+  std::string result, truth, views, measured, novel, json;
   std::vector<double> at_mm = {1, 2, 5, 10};
   std::size_t samples = EvaluateOptions{}.samples;
   std::size_t rays = EvaluateOptions{}.rays_per_view;
@@ -122,11 +123,26 @@ Evaluation evaluate_truth(const Mesh& result, const EvaluateArguments& arguments
   return evaluate(result, read_mesh(arguments.truth), views, options, context);
 }
 
+// Looks alone: nothing is said about the shape.
+void run_novel(const EvaluateArguments& arguments) {
+  const std::unique_ptr<Context> context = make_context(arguments.common);
+  const Scene scene = only_every(read_scene(arguments.novel, {}, *context), arguments.only_every);
+  const NovelEvaluation evaluation = evaluate_novel(read_mesh(arguments.result), scene.views, *context);
+  if (arguments.json != "-") fmt::print("{}", to_text(evaluation));
+  if (!arguments.json.empty()) write_json(arguments.json, to_json(evaluation));
+}
+
 void run(const EvaluateArguments& arguments) {
   const EvaluateOptions options = options_from(arguments);
   const bool has_truth = !arguments.truth.empty();
+  if (!arguments.novel.empty()) {
+    if (has_truth || !arguments.views.empty() || !arguments.measured.empty())
+      throw CLI::ValidationError("--novel", "measures looks alone: leave out TRUTH, --views and --measured");
+    check_json_file(arguments.json);
+    return run_novel(arguments);
+  }
   if (!has_truth && arguments.views.empty() && arguments.measured.empty())
-    throw CLI::RequiredError("TRUTH, --views or --measured");
+    throw CLI::RequiredError("TRUTH, --views, --measured or --novel");
   if (!has_truth && !arguments.views.empty() && !arguments.measured.empty())
     throw CLI::ValidationError("--measured", "without TRUTH, --views are the measured ones");
   const std::string& measured = has_truth || arguments.views.empty() ? arguments.measured : arguments.views;
@@ -154,9 +170,13 @@ void add_evaluate_command(CLI::App& app) {
                       "of what was seen, and rays. Without TRUTH: the measured views");
   command->add_option("--measured", arguments->measured,
                       "Scene as it was measured: range against the mesh, double layers, cracks, beside the truth");
+  command->add_option("--novel", arguments->novel,
+                      "Scene whose colour images are compared with pictures of the result from the same places, and "
+                      "colour steps across the cuts of its texture; instead of TRUTH and --views");
   command
       ->add_option("--only-every", arguments->only_every,
-                   "Of the measured views, every Nth from the first: those that `integrate --hold-out N` left out")
+                   "Of the measured or novel views, every Nth from the first: those that `integrate --hold-out N` left "
+                   "out")
       ->check(CLI::Range(2, 1'000'000));
   command->add_option("--at", arguments->at_mm, "Distances for precision, completeness and F-score, mm")
       ->delimiter(',')

@@ -7,15 +7,17 @@
 #include "lapseam/error.h"
 #include "lapseam/integrate.h"
 #include "lapseam/io.h"
+#include "texture_arguments.h"
 
 namespace lapseam::tool {
 namespace {
 
 struct IntegrateArguments {
   CommonOptions common;
+  TextureArguments texture;
   std::string scene, output, report;
   bool no_texture = false, skip_bad_views = false;
-  int hold_out = 0, page_size = 4096;
+  int hold_out = 0;
   double fill_holes_m = 0, max_error_mm = 0;
   std::uint64_t triangles = 0;
 };
@@ -47,7 +49,7 @@ void run(const IntegrateArguments& arguments) {
   options.fill_holes.largest_m = arguments.fill_holes_m;
   options.reduce.max_error_m = arguments.max_error_mm / 1000;
   options.reduce.max_triangles = arguments.triangles;
-  options.atlas.page_size = arguments.page_size;
+  options.texture = texture_options(arguments.texture);
   options.check_self_intersections = !arguments.report.empty();
   const bool is_ply = std::filesystem::path(arguments.output).extension() == ".ply";
   const bool is_bare = arguments.no_texture || std::filesystem::path(arguments.output).extension() == ".stl";
@@ -89,9 +91,7 @@ void add_integrate_command(CLI::App& app) {
       ->check(CLI::PositiveNumber);
   command->add_option("--triangles", arguments->triangles, "Reduce the result to at most this many triangles")
       ->check(CLI::PositiveNumber);
-  command->add_option("--page-size", arguments->page_size, "Largest texture page, pixels")
-      ->check(CLI::Range(64, 16384))
-      ->capture_default_str();
+  add_texture_options(*command, arguments->texture);
   command->add_flag("--skip-bad-views", arguments->skip_bad_views, "Leave out unusable views with a warning");
   add_common_options(*command, arguments->common);
   command->callback([arguments] { run(*arguments); });

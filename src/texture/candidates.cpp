@@ -1,0 +1,196 @@
+#include "texture/candidates.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/parallel.h"
+#include "lapseam/io.h"
+
+namespace lapseam {
+namespace {
+
+// Flatter than this an image shows a surface smeared.
+constexpr float kLeastCosine = 0.1f;
+// Colour from beside a jump may be that of the other side: worth e times coarser pixels, several times over.
+constexpr float kFringeCost = 1.5f;
+// The image that a triangle was measured with fits it best; another one has to be clearly better.
+constexpr float kMeasuredBonus = 0.25f;
+constexpr float kLargestCost = 12;
+constexpr std::size_t kBlock = 64;
+// Share of a cell's area that an image has to show.
+constexpr float kShown = 0.98f;
+
+/// Points of a triangle to look at: more of them the larger it is in the image.
+template <typename Visit>
+bool for_points(const std::array<Eigen::Vector3f, 3>& corners_m, float longest_px, float stride, const Visit& visit) {
+  constexpr float kPulledIn = 0.9f;
+  const int n = std::clamp(int(std::ceil(longest_px / (4 * stride))), 1, 24);
+  const Eigen::Vector3f middle = (corners_m[0] + corners_m[1] + corners_m[2]) / 3;
+  if (n == 1) return visit(middle);
+  for (int i = 0; i <= n; ++i)
+    for (int j = 0; i + j <= n; ++j) {
+      const float a = float(i) / float(n), b = float(j) / float(n);
+      const Eigen::Vector3f point = (1 - a - b) * corners_m[0] + a * corners_m[1] + b * corners_m[2];
+      if (!visit(Eigen::Vector3f(middle + kPulledIn * (point - middle)))) return false;
+    }
+  return true;
+}
+
+void keep_best(CandidateList& list, std::size_t& count, const Candidate& candidate) {
+  const auto is_before = [](const Candidate& a, const Candidate& b) {
+    return a.cost != b.cost ? a.cost < b.cost : a.view < b.view;
+  };
+  if (count == list.size() && !is_before(candidate, list[count - 1])) return;
+  std::size_t place = count < list.size() ? count++ : count - 1;
+  for (; place > 0 && is_before(candidate, list[place - 1]); --place) list[place] = list[place - 1];
+  list[place] = candidate;
+}
+
+}  // namespace
+
+bool look_at_triangle(const std::array<Eigen::Vector3f, 3>& corners_m, const ColorCamera& camera,
+                      const DepthImage& depth, TriangleSight& sight) {
+  const Eigen::Vector3f middle = (corners_m[0] + corners_m[1] + corners_m[2]) / 3;
+  Eigen::Vector2f pixel;
+  if (!camera.project(middle, pixel)) return false;
+  const Eigen::Vector3f normal = (corners_m[1] - corners_m[0]).cross(corners_m[2] - corners_m[0]);
+  const float twice_area = normal.norm();
+  const Eigen::Vector3f to = middle - camera.ray_origin(pixel);
+  const float distance = to.norm();
+  if (!(-normal.dot(to) >= kLeastCosine * twice_area * distance)) return false;
+  if (!depth.is_visible(pixel, distance)) return false;
+  std::array<Eigen::Vector2f, 3> corners_px;
+  for (std::size_t k = 0; k < 3; ++k)
+    if (!camera.project(corners_m[k], corners_px[k])) return false;
+  if (camera.wraps()) unwrap(corners_px, camera.width());
+  const Eigen::Vector2f ab = corners_px[1] - corners_px[0], ac = corners_px[2] - corners_px[0];
+  const float twice_area_px = std::abs(ab.x() * ac.y() - ab.y() * ac.x());
+  sight.density_px = twice_area > 0 ? std::sqrt(twice_area_px / twice_area) : 0;
+  if (!(sight.density_px > 0) || !std::isfinite(sight.density_px)) return false;
+  const float longest_px = std::max({ab.norm(), ac.norm(), (ac - ab).norm()});
+  int points = 0, fringes = 0;
+  const bool is_seen = for_points(corners_m, longest_px, float(depth.stride), [&](const Eigen::Vector3f& point) {
+    Eigen::Vector2f at;
+    if (!camera.project(point, at) || !depth.is_visible(at, (point - camera.ray_origin(at)).norm())) return false;
+    ++points;
+    fringes += depth.is_fringe(at);
+    return true;
+  });
+  if (is_seen) sight.fringe = float(fringes) / float(points);
+  return is_seen;
+}
+
+namespace {
+
+/// A cell as candidates for it are judged.
+class CellJudge {
+ public:
+  CellJudge(const Mesh& mesh, std::span<const std::uint32_t> triangles) : mesh_(mesh), triangles_(triangles) {
+    for (const std::uint32_t i : triangles) {
+      const auto c = corners_of(i);
+      area_m2_.push_back(0.5f * (c[1] - c[0]).cross(c[2] - c[0]).norm());
+      whole_m2_ += area_m2_.back();
+      for (const Eigen::Vector3f& corner : c) box_.extend(corner);
+    }
+  }
+
+  const Eigen::AlignedBox3f& box() const { return box_; }
+  float area_m2() const { return whole_m2_; }
+
+  /// density_px: mean over what is seen. False when too little is.
+  bool judge(std::uint32_t view, const ColorCamera& camera, const DepthImage& depth, float& density_px,
+             float& cost) const {
+    float missing = 0, seen = 0, squares = 0, fringe = 0, measured = 0;
+    TriangleSight sight;
+    for (std::size_t k = 0; k < triangles_.size(); ++k) {
+      if (look_at_triangle(corners_of(triangles_[k]), camera, depth, sight)) {
+        seen += area_m2_[k];
+        squares += area_m2_[k] * sight.density_px * sight.density_px;
+        fringe += area_m2_[k] * sight.fringe;
+        measured += !mesh_.triangle_view.empty() && mesh_.triangle_view[triangles_[k]] == view ? area_m2_[k] : 0;
+        continue;
+      }
+      missing += area_m2_[k];
+      if (missing > (1 - kShown) * whole_m2_ || !is_inside(corners_of(triangles_[k]), camera)) return false;
+    }
+    if (!(seen > 0)) return false;
+    density_px = std::sqrt(squares / seen);
+    cost =
+        (kFringeCost * fringe - kMeasuredBonus * measured + kLargestCost * missing) / whole_m2_ - std::log(density_px);
+    return true;
+  }
+
+ private:
+  std::array<Eigen::Vector3f, 3> corners_of(std::uint32_t i) const {
+    const Triangle& t = mesh_.triangles[i];
+    return {mesh_.positions_m[t[0]], mesh_.positions_m[t[1]], mesh_.positions_m[t[2]]};
+  }
+  static bool is_inside(const std::array<Eigen::Vector3f, 3>& corners_m, const ColorCamera& camera) {
+    Eigen::Vector2f pixel;
+    return std::all_of(corners_m.begin(), corners_m.end(),
+                       [&](const Eigen::Vector3f& corner) { return camera.project(corner, pixel); });
+  }
+
+  const Mesh& mesh_;
+  std::span<const std::uint32_t> triangles_;
+  std::vector<float> area_m2_;
+  float whole_m2_ = 0;
+  Eigen::AlignedBox3f box_;
+};
+
+}  // namespace
+
+Candidates find_candidates(const Mesh& mesh, const Cells& cells, const ColorCameras& cameras,
+                           std::span<const DepthImage> depths, std::span<const float> blur, Context& context) {
+  Candidates out;
+  out.of_cell.resize(cells.count());
+  out.density_px.assign(cells.count(), 0);
+  out.area_px.assign(cells.count(), 0);
+  parallel_for(context, cells.count(), kBlock, [&](std::size_t c) {
+    const CellJudge cell(mesh, cells.of(c));
+    CandidateList& list = out.of_cell[c];
+    std::size_t count = 0;
+    for (std::uint32_t v = 0; v < cameras.size(); ++v) {
+      float density_px = 0, cost = 0;
+      if (!cameras[v] || !cameras[v]->may_see(cell.box().center(), 0.5f * cell.box().diagonal().norm())) continue;
+      if (!cell.judge(v, *cameras[v], depths[v], density_px, cost)) continue;
+      keep_best(list, count, {v, blur[v] + cost, {}});
+      out.density_px[c] = std::max(out.density_px[c], density_px);
+    }
+    out.area_px[c] = cell.area_m2() * out.density_px[c] * out.density_px[c];
+    for (std::size_t k = count; k-- > 0;) list[k].cost = std::min(list[k].cost - list[0].cost, kLargestCost);
+    std::sort(list.begin(), list.begin() + std::ptrdiff_t(count),
+              [](const Candidate& a, const Candidate& b) { return a.view < b.view; });
+  });
+  return out;
+}
+
+void sample_colors(const Mesh& mesh, const Cells& cells, std::span<const ViewSource> sources,
+                   const ColorCameras& cameras, std::span<const ColorResponse> responses, Candidates& candidates,
+                   Context& context) {
+  std::vector<std::vector<std::uint32_t>> cells_of_view(sources.size());
+  for (std::uint32_t i = 0; i < candidates.of_cell.size(); ++i)
+    for (const Candidate& candidate : candidates.of_cell[i])
+      if (candidate.view != kInvalidIndex) cells_of_view[candidate.view].push_back(i);
+  parallel_for(context, sources.size(), 1, [&](std::size_t view) {
+    if (cells_of_view[view].empty()) return;
+    const ColorImage image = load_color(sources[view]);
+    for (const std::uint32_t i : cells_of_view[view]) {
+      const Triangle& t = mesh.triangles[cells.of(i).front()];
+      Eigen::Vector2f pixel;
+      if (!cameras[view]->project((mesh.positions_m[t[0]] + mesh.positions_m[t[1]] + mesh.positions_m[t[2]]) / 3,
+                                  pixel))
+        continue;
+      const Rgb8 c = image.at(std::clamp(int(std::lround(pixel.x())), 0, image.width - 1),
+                              std::clamp(int(std::lround(pixel.y())), 0, image.height - 1));
+      const Eigen::Vector3f color = Eigen::Vector3f(float(c.r), float(c.g), float(c.b))
+                                        .cwiseProduct(responses[view].factor(cameras[view]->squared_radius(pixel)))
+                                        .cwiseMin(255.0f);
+      for (Candidate& candidate : candidates.of_cell[i])
+        if (candidate.view == view)
+          candidate.color = {std::uint8_t(color.x()), std::uint8_t(color.y()), std::uint8_t(color.z())};
+    }
+  });
+}
+
+}  // namespace lapseam

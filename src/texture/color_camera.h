@@ -1,0 +1,52 @@
+#pragma once
+
+// The camera of a view's colour image, in the frame of the mesh.
+
+#include <Eigen/Geometry>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "lapseam/view.h"
+
+namespace lapseam {
+
+class ColorCamera {
+ public:
+  /// source: has a colour image, and lives as long.
+  ColorCamera(const ViewSource& source, const Eigen::Vector3d& mesh_origin_m);
+
+  /// Position in the image, in pixels. False when the camera cannot see it.
+  bool project(const Eigen::Vector3f& position_m, Eigen::Vector2f& pixel) const;
+  /// Where the ray of a pixel begins, and its unit direction.
+  Eigen::Vector3f ray_origin(const Eigen::Vector2f& pixel) const;
+  Eigen::Vector3f ray_direction(const Eigen::Vector2f& pixel) const;
+  /// False only when the camera sees nothing of the ball.
+  bool may_see(const Eigen::Vector3f& center_m, float radius_m) const;
+
+  int width() const { return width_; }
+  int height() const { return height_; }
+  bool wraps() const { return wraps_; }
+  /// Distance from the middle of the image over half of its diagonal, squared: what vignetting depends on. 0 for all
+  /// of a camera that is no pinhole.
+  float squared_radius(const Eigen::Vector2f& pixel) const;
+
+ private:
+  void find_cone();
+
+  const Sensor& camera_;
+  Eigen::Isometry3d T_color_mesh_, T_mesh_color_;
+  int width_, height_;
+  bool wraps_, is_central_;
+  Eigen::Vector3f center_, axis_;
+  float cone_rad_ = 4;  ///< half of the opening; over π: not known, or all directions
+};
+
+/// One for each source with a colour image, null for the others.
+using ColorCameras = std::vector<std::unique_ptr<ColorCamera>>;
+ColorCameras make_color_cameras(std::span<const ViewSource> sources, const Eigen::Vector3d& mesh_origin_m);
+
+/// Brings the corners of a triangle across the seam of a panorama to one side.
+void unwrap(std::array<Eigen::Vector2f, 3>& pixels, int width);
+
+}  // namespace lapseam

@@ -1,0 +1,31 @@
+#pragma once
+
+// What a colour camera sees of the model: the distance to it, and where that jumps.
+
+#include "lapseam/image.h"
+#include "spatial/ray_scene.h"
+#include "texture/color_camera.h"
+
+namespace lapseam {
+
+/// One value for every stride × stride pixels of the colour image.
+struct DepthImage {
+  int stride = 1;
+  Image<float> distance_m;           ///< along the ray; infinite where it meets nothing
+  Image<std::uint8_t> is_near_step;  ///< within the fringe of a jump: the colour may be that of the other side
+
+  int cell(float pixel) const { return int((pixel + 0.5f) / float(stride)); }
+  bool is_fringe(const Eigen::Vector2f& pixel) const;
+  /// Whether a point, at a pixel and a distance, is the first that the camera sees there. A fiftieth of the distance is
+  /// allowed for what the model's surface and the image's coarseness are off.
+  bool is_visible(const Eigen::Vector2f& pixel, float distance_m) const;
+};
+
+/// fringe_m: how far the model and the image may be apart, beside a pixel and a half for the camera's own blur.
+DepthImage render_depth(const ColorCamera& camera, const RayScene& scene, int stride, double fringe_m);
+
+/// Strides for cameras of these sizes: 2, or as much as keeps all the depth images within a bound. Their fringes are
+/// wider than a stride.
+int choose_stride(std::uint64_t pixels, std::uint64_t pixels_of_all_cameras);
+
+}  // namespace lapseam

@@ -1,0 +1,416 @@
+// Based on: V. Lempitsky, D. Ivanov, Seamless Mosaicing of Image-Based Texture Maps, 2007, and M. Waechter, N. Moehrle,
+// M. Goesele, Let There Be Color!, 2014. The offsets live on a grid in each chart instead of on the mesh's vertices:
+// the same for small triangles and for large ones, and far fewer unknowns.
+
+#include "texture/level.h"
+
+#include <Eigen/IterativeLinearSolvers>
+#include <Eigen/Sparse>
+#include <algorithm>
+#include <cmath>
+
+#include "core/parallel.h"
+
+namespace lapseam {
+namespace {
+
+constexpr int kNode_px = 2 * kBlock_px;  // between the nodes of the offset's grid
+// What a difference between neighbouring nodes weighs against a step that is left at one place of a border.
+constexpr double kSmoothness = 40;
+// Of each node, against offsets that are not needed.
+constexpr double kOffsetPrior = 0.02;
+constexpr int kRounds = 3;  // of reweighting
+// Steps far beyond the usual ones are rather an edge of the picture that lies elsewhere in the other image; so many
+// levels are usual in any case.
+constexpr double kUsualStep = 1.5;
+constexpr float kSampleSpacing_px = 1;
+constexpr int kFalloff_px = 4;
+constexpr int kLocalRounds = 12;
+
+/// Bilinear weights of the four pixels around a place.
+struct Footprint {
+  std::array<std::uint32_t, 4> slot;
+  std::array<float, 4> weight;
+};
+
+struct Place {
+  std::uint32_t chart;
+  Eigen::Vector2f at;  // pixel of the chart
+};
+
+struct SeamSample {
+  std::array<Place, 2> side;
+  std::array<Footprint, 2> pixels;
+  Eigen::Vector3f step;  // what the second side is brighter
+};
+
+struct Cell {
+  int x, y;
+  float fx, fy;
+};
+Cell cell_of(const Eigen::Vector2f& at, float size_px, int columns, int rows) {
+  const float x = std::clamp(at.x() / size_px, 0.0f, float(columns - 1));
+  const float y = std::clamp(at.y() / size_px, 0.0f, float(rows - 1));
+  const int x0 = std::min(int(x), std::max(columns - 2, 0)), y0 = std::min(int(y), std::max(rows - 2, 0));
+  return {x0, y0, x - float(x0), y - float(y0)};
+}
+
+std::array<float, 4> bilinear(const Cell& c) {
+  return {(1 - c.fx) * (1 - c.fy), c.fx * (1 - c.fy), (1 - c.fx) * c.fy, c.fx * c.fy};
+}
+
+/// The grid of one chart: nodes at multiples of kNode_px, those that no owned block touches left out.
+struct NodeGrid {
+  int columns = 0, rows = 0;
+  std::vector<std::uint32_t> node;  // kInvalidIndex: left out
+};
+
+}  // namespace
+
+struct Levelling::Impl {
+  const Charts& charts;
+  std::vector<NodeGrid> grids;
+  std::size_t node_count = 0;
+  std::vector<SeamSample> samples;
+  std::vector<Eigen::Vector3f> offset;    // of each node
+  std::vector<std::uint64_t> slot_pixel;  // chart << 32 | pixel of the chart, sorted
+  std::vector<Eigen::Vector3f> slot_value;
+
+  Impl(const Mesh& mesh, const Charts& all, const std::vector<SharedEdge>& edges, const ColorCameras& cameras,
+       std::span<const ColorResponse> responses, const std::vector<ColorImage>& pages, Context& context)
+      : charts(all) {
+    make_grids();
+    find_samples(mesh, edges);
+    parallel_for(context, samples.size(), 4096, [&](std::size_t i) {
+      const auto color = [&](const Place& place) { return color_at(place, cameras, responses, pages); };
+      samples[i].step = color(samples[i].side[1]) - color(samples[i].side[0]);
+    });
+    solve_offsets(context);
+    spread_rest(context);
+  }
+
+  // ---- the slow part
+
+  void make_grids() {
+    std::uint32_t count = 0;
+    for (const Chart& chart : charts.charts) {
+      NodeGrid grid;
+      grid.columns = (chart.shape.width * kBlock_px + kNode_px - 1) / kNode_px + 1;
+      grid.rows = (chart.shape.height * kBlock_px + kNode_px - 1) / kNode_px + 1;
+      grid.node.assign(std::size_t(grid.columns) * std::size_t(grid.rows), kInvalidIndex);
+      for (int by = 0; by < chart.shape.height; ++by)
+        for (int bx = 0; bx < chart.shape.width; ++bx)
+          if (chart.owns(bx * kBlock_px, by * kBlock_px))
+            for (const int dy : {0, 1})
+              for (const int dx : {0, 1}) {
+                std::uint32_t& node =
+                    grid.node[std::size_t(by / 2 + dy) * std::size_t(grid.columns) + std::size_t(bx / 2 + dx)];
+                if (node == kInvalidIndex) node = count++;
+              }
+      grids.push_back(std::move(grid));
+    }
+    node_count = count;
+  }
+
+  /// Nodes around a place, and their weights.
+  std::array<std::pair<std::uint32_t, float>, 4> nodes_at(const Place& place) const {
+    const NodeGrid& grid = grids[place.chart];
+    const Cell c = cell_of(place.at, float(kNode_px), grid.columns, grid.rows);
+    const std::array<float, 4> weights = bilinear(c);
+    std::array<std::pair<std::uint32_t, float>, 4> out;
+    for (std::size_t k = 0; k < 4; ++k)
+      out[k] = {grid.node[std::size_t(c.y + int(k / 2)) * std::size_t(grid.columns) + std::size_t(c.x + int(k % 2))],
+                weights[k]};
+    return out;
+  }
+
+  Eigen::Vector3f offset_at(const Place& place) const {
+    Eigen::Vector3f sum = Eigen::Vector3f::Zero();
+    for (const auto& [node, weight] : nodes_at(place))
+      if (node != kInvalidIndex) sum += weight * offset[node];
+    return sum;
+  }
+
+  void find_samples(const Mesh& mesh, const std::vector<SharedEdge>& edges) {
+    for (const SharedEdge& edge : edges) {
+      const std::uint32_t a = charts.chart_of_triangle[edge.a], b = charts.chart_of_triangle[edge.b];
+      if (a == kInvalidIndex || b == kInvalidIndex || a == b) continue;
+      const auto &pa = charts.pixels[edge.a], &pb = charts.pixels[edge.b];
+      const std::size_t a0 = edge.corner_a, a1 = (a0 + 1) % 3;
+      std::size_t b0 = edge.corner_b, b1 = (b0 + 1) % 3;
+      if (mesh.triangles[edge.b][b0] != mesh.triangles[edge.a][a0]) std::swap(b0, b1);
+      const float length_px = std::max((pa[a1] - pa[a0]).norm(), (pb[b1] - pb[b0]).norm());
+      const int count = std::max(1, int(std::ceil(length_px / kSampleSpacing_px)));
+      for (int k = 0; k < count; ++k) {
+        const float t = (float(k) + 0.5f) / float(count);
+        samples.push_back({{Place{a, pa[a0] + t * (pa[a1] - pa[a0])}, Place{b, pb[b0] + t * (pb[b1] - pb[b0])}},
+                           {},
+                           Eigen::Vector3f::Zero()});
+      }
+    }
+  }
+
+  Eigen::Vector3f color_at(const Place& place, const ColorCameras& cameras, std::span<const ColorResponse> responses,
+                           const std::vector<ColorImage>& pages) const {
+    const Chart& chart = charts.charts[place.chart];
+    const ColorImage& page = pages[std::size_t(chart.place.page)];
+    const Cell c = cell_of(place.at, 1, chart.shape.width * kBlock_px, chart.shape.height * kBlock_px);
+    const std::array<float, 4> weights = bilinear(c);
+    Eigen::Vector3f sum = Eigen::Vector3f::Zero();
+    for (std::size_t k = 0; k < 4; ++k) {
+      const Rgb8 p = page.at(chart.x0() + c.x + int(k % 2), chart.y0() + c.y + int(k / 2));
+      sum += weights[k] * Eigen::Vector3f(float(p.r), float(p.g), float(p.b));
+    }
+    const float r2 = cameras[chart.view]->squared_radius(chart.to_image(place.at));
+    return sum.cwiseProduct(responses[chart.view].factor(r2));
+  }
+
+  void solve_offsets(Context& context) {
+    offset.assign(node_count, Eigen::Vector3f::Zero());
+    if (samples.empty()) return;
+    sort_by_nodes();
+    const auto n = Eigen::Index(node_count);
+    std::vector<double> weight(samples.size(), 1);
+    // Conjugate gradients: well conditioned by the prior, and many times faster here than factorization.
+    Eigen::ConjugateGradient<Eigen::SparseMatrix<double, Eigen::RowMajor>, Eigen::Lower | Eigen::Upper> solver;
+    solver.setTolerance(1e-4);
+    Eigen::MatrixX3d x = Eigen::MatrixX3d::Zero(n, 3);
+    for (int round = 0; round < kRounds; ++round) {
+      context.throw_if_cancelled();
+      Eigen::MatrixX3d right = Eigen::MatrixX3d::Zero(n, 3);
+      std::vector<Eigen::Triplet<double>> entries = smoothness();
+      add_samples(weight, entries, right);
+      Eigen::SparseMatrix<double, Eigen::RowMajor> matrix(n, n);
+      matrix.setFromTriplets(entries.begin(), entries.end());
+      solver.compute(matrix);
+      x = solver.solveWithGuess(right, x);
+      for (Eigen::Index k = 0; k < n; ++k) offset[std::size_t(k)] = x.row(k).transpose().cast<float>();
+      reweight(weight);
+    }
+  }
+
+  std::vector<Eigen::Triplet<double>> smoothness() const {
+    std::vector<Eigen::Triplet<double>> entries;
+    const auto add = [&](std::uint32_t p, std::uint32_t q, double value) {
+      entries.emplace_back(int(p), int(q), value);
+    };
+    for (const NodeGrid& grid : grids)
+      for (int y = 0; y < grid.rows; ++y)
+        for (int x = 0; x < grid.columns; ++x) {
+          const auto at = [&](int u, int v) {
+            return u < grid.columns && v < grid.rows
+                       ? grid.node[std::size_t(v) * std::size_t(grid.columns) + std::size_t(u)]
+                       : kInvalidIndex;
+          };
+          const std::uint32_t p = at(x, y);
+          if (p == kInvalidIndex) continue;
+          add(p, p, kOffsetPrior);
+          for (const std::uint32_t q : {at(x + 1, y), at(x, y + 1)}) {
+            if (q == kInvalidIndex) continue;
+            add(p, p, kSmoothness);
+            add(q, q, kSmoothness);
+            add(p, q, -kSmoothness);
+            add(q, p, -kSmoothness);
+          }
+        }
+    return entries;
+  }
+
+  using Terms = std::array<std::pair<std::uint32_t, double>, 8>;
+
+  /// offset(second side) − offset(first side).
+  Terms terms_of(const SeamSample& sample) const {
+    Terms terms;
+    for (std::size_t side = 0; side < 2; ++side) {
+      const auto nodes = nodes_at(sample.side[side]);
+      for (std::size_t k = 0; k < 4; ++k)
+        terms[4 * side + k] = {nodes[k].first, (side == 0 ? -1.0 : 1.0) * double(nodes[k].second)};
+    }
+    return terms;
+  }
+
+  /// So that samples with the same nodes follow each other, and go into the matrix as one.
+  void sort_by_nodes() {
+    const auto cell = [&](const Place& place) {
+      const NodeGrid& grid = grids[place.chart];
+      const Cell c = cell_of(place.at, float(kNode_px), grid.columns, grid.rows);
+      return std::array<std::uint32_t, 2>{place.chart, std::uint32_t(c.y * grid.columns + c.x)};
+    };
+    std::vector<std::pair<std::array<std::uint32_t, 4>, std::uint32_t>> keys;
+    for (std::uint32_t i = 0; i < samples.size(); ++i) {
+      const auto a = cell(samples[i].side[0]), b = cell(samples[i].side[1]);
+      keys.push_back({{a[0], a[1], b[0], b[1]}, i});
+    }
+    std::sort(keys.begin(), keys.end());
+    std::vector<SeamSample> sorted;
+    sorted.reserve(samples.size());
+    for (const auto& [key, i] : keys) sorted.push_back(samples[i]);
+    samples = std::move(sorted);
+  }
+
+  /// offset(second side) − offset(first side) should be −step.
+  void add_samples(const std::vector<double>& weight, std::vector<Eigen::Triplet<double>>& entries,
+                   Eigen::MatrixX3d& right) const {
+    Eigen::Matrix<double, 8, 8> sum;
+    for (std::size_t begin = 0, end = 0; begin < samples.size(); begin = end) {
+      const Terms first = terms_of(samples[begin]);
+      sum.setZero();
+      for (end = begin; end < samples.size(); ++end) {
+        const Terms terms = terms_of(samples[end]);
+        Eigen::Matrix<double, 8, 1> x;
+        bool is_same = true;
+        for (std::size_t k = 0; k < 8; ++k) {
+          x[Eigen::Index(k)] = terms[k].second;
+          is_same = is_same && terms[k].first == first[k].first;
+        }
+        if (!is_same) break;
+        sum += weight[end] * x * x.transpose();
+        for (std::size_t k = 0; k < 8; ++k)
+          if (terms[k].first != kInvalidIndex)
+            right.row(Eigen::Index(terms[k].first)) -=
+                weight[end] * terms[k].second * samples[end].step.cast<double>().transpose();
+      }
+      for (std::size_t p = 0; p < 8; ++p)
+        for (std::size_t q = 0; q < 8; ++q)
+          if (first[p].first != kInvalidIndex && first[q].first != kInvalidIndex)
+            entries.emplace_back(int(first[p].first), int(first[q].first), sum(Eigen::Index(p), Eigen::Index(q)));
+    }
+  }
+
+  /// Cauchy weights; the scale is that of the middle step that is left.
+  void reweight(std::vector<double>& weight) const {
+    std::vector<double> rest(samples.size());
+    for (std::size_t i = 0; i < samples.size(); ++i) rest[i] = double(rest_of(samples[i]).norm()) / std::sqrt(3.0);
+    std::vector<double> sorted = rest;
+    const auto middle = sorted.begin() + std::ptrdiff_t(sorted.size() / 2);
+    std::nth_element(sorted.begin(), middle, sorted.end());
+    const double scale = std::max(*middle, kUsualStep);
+    for (std::size_t i = 0; i < samples.size(); ++i) weight[i] = 1 / (1 + rest[i] * rest[i] / (scale * scale));
+  }
+
+  Eigen::Vector3f rest_of(const SeamSample& sample) const {
+    return sample.step + offset_at(sample.side[1]) - offset_at(sample.side[0]);
+  }
+
+  // ---- the rest, at the borders
+
+  std::uint64_t key(std::uint32_t chart, int x, int y) const {
+    const auto width = std::uint64_t(charts.charts[chart].shape.width * kBlock_px);
+    return std::uint64_t(chart) << 32 | (std::uint64_t(y) * width + std::uint64_t(x));
+  }
+
+  void spread_rest(Context& context) {
+    std::vector<std::array<std::uint64_t, 8>> keys(samples.size());
+    parallel_for(context, samples.size(), 4096, [&](std::size_t i) {
+      for (std::size_t side = 0; side < 2; ++side) {
+        const Place& place = samples[i].side[side];
+        const Chart& chart = charts.charts[place.chart];
+        const Cell c = cell_of(place.at, 1, chart.shape.width * kBlock_px, chart.shape.height * kBlock_px);
+        samples[i].pixels[side].weight = bilinear(c);
+        for (std::size_t k = 0; k < 4; ++k)
+          keys[i][4 * side + k] = key(place.chart, c.x + int(k % 2), c.y + int(k / 2));
+      }
+    });
+    for (const auto& some : keys) slot_pixel.insert(slot_pixel.end(), some.begin(), some.end());
+    parallel_sort(context, slot_pixel.begin(), slot_pixel.end(), std::less<>());
+    slot_pixel.erase(std::unique(slot_pixel.begin(), slot_pixel.end()), slot_pixel.end());
+    parallel_for(context, samples.size(), 4096, [&](std::size_t i) {
+      for (std::size_t k = 0; k < 8; ++k)
+        samples[i].pixels[k / 4].slot[k % 4] =
+            std::uint32_t(std::lower_bound(slot_pixel.begin(), slot_pixel.end(), keys[i][k]) - slot_pixel.begin());
+    });
+    slot_value.assign(slot_pixel.size(), Eigen::Vector3f::Zero());
+    iterate_rest(context);
+  }
+
+  /// Kaczmarz in blocks: every round, what is left at the samples goes to their pixels, averaged where samples share
+  /// some.
+  void iterate_rest(Context& context) {
+    std::vector<Eigen::Vector3f> rest(samples.size()), sum(slot_value.size());
+    std::vector<float> weights(slot_value.size());
+    std::vector<Eigen::Vector3f> start(samples.size());
+    parallel_for(context, samples.size(), 4096, [&](std::size_t i) { start[i] = rest_of(samples[i]); });
+    for (int round = 0; round < kLocalRounds; ++round) {
+      parallel_for(context, samples.size(), 4096, [&](std::size_t i) {
+        rest[i] = start[i] + local_at(samples[i].pixels[1]) - local_at(samples[i].pixels[0]);
+      });
+      std::fill(sum.begin(), sum.end(), Eigen::Vector3f::Zero());
+      std::fill(weights.begin(), weights.end(), 0.0f);
+      for (std::size_t i = 0; i < samples.size(); ++i)
+        for (std::size_t k = 0; k < 8; ++k) {
+          const Footprint& pixels = samples[i].pixels[k / 4];
+          sum[pixels.slot[k % 4]] += (k < 4 ? 0.5f : -0.5f) * pixels.weight[k % 4] * rest[i];
+          weights[pixels.slot[k % 4]] += pixels.weight[k % 4];
+        }
+      for (std::size_t s = 0; s < slot_value.size(); ++s)
+        if (weights[s] > 0) slot_value[s] += sum[s] / weights[s];
+    }
+  }
+
+  Eigen::Vector3f local_at(const Footprint& pixels) const {
+    Eigen::Vector3f sum = Eigen::Vector3f::Zero();
+    for (std::size_t k = 0; k < 4; ++k) sum += pixels.weight[k] * slot_value[pixels.slot[k]];
+    return sum;
+  }
+
+  Correction correction_of(std::uint32_t c) const {
+    const Chart& chart = charts.charts[c];
+    const int width = chart.shape.width * kBlock_px, height = chart.shape.height * kBlock_px;
+    Correction out(width, height, Eigen::Vector3f::Zero());
+    Image<std::uint8_t> steps(width, height, 255);
+    std::vector<std::uint32_t> front, next;
+    const auto first = std::lower_bound(slot_pixel.begin(), slot_pixel.end(), std::uint64_t(c) << 32);
+    const auto last = std::lower_bound(first, slot_pixel.end(), std::uint64_t(c + 1) << 32);
+    for (auto s = first; s != last; ++s) {
+      front.push_back(std::uint32_t(*s));
+      out.pixels[front.back()] = slot_value[std::size_t(s - slot_pixel.begin())];
+      steps.pixels[front.back()] = 0;
+    }
+    for (int step = 1; step < kFalloff_px; ++step, std::swap(front, next)) grow(chart, step, front, next, steps, out);
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x) {
+        if (!chart.owns(x, y)) continue;
+        Eigen::Vector3f& value = out.at(x, y);
+        const float share = float(steps.at(x, y)) / float(kFalloff_px);
+        value *= share < 1 ? 1 - share * share * (3 - 2 * share) : 0;
+        value += offset_at({c, {float(x), float(y)}});
+      }
+    return out;
+  }
+
+  /// Pixels one step farther take the mean of their neighbours that are there already.
+  static void grow(const Chart& chart, int step, const std::vector<std::uint32_t>& front,
+                   std::vector<std::uint32_t>& next, Image<std::uint8_t>& steps, Correction& values) {
+    next.clear();
+    const auto for_around = [&](std::uint32_t pixel, const auto& visit) {
+      const int x = int(pixel) % steps.width, y = int(pixel) / steps.width;
+      for (int v = std::max(y - 1, 0); v <= std::min(y + 1, steps.height - 1); ++v)
+        for (int u = std::max(x - 1, 0); u <= std::min(x + 1, steps.width - 1); ++u)
+          if (chart.owns(u, v)) visit(std::uint32_t(steps.index(u, v)));
+    };
+    for (const std::uint32_t pixel : front)
+      for_around(pixel, [&](std::uint32_t other) {
+        if (steps.pixels[other] != 255) return;
+        steps.pixels[other] = std::uint8_t(step);
+        next.push_back(other);
+      });
+    for (const std::uint32_t pixel : next) {
+      Eigen::Vector3f sum = Eigen::Vector3f::Zero();
+      float count = 0;
+      for_around(pixel, [&](std::uint32_t other) {
+        if (int(steps.pixels[other]) < step) sum += values.pixels[other], ++count;
+      });
+      values.pixels[pixel] = sum / count;
+    }
+  }
+};
+
+Levelling::Levelling(const Mesh& mesh, const Charts& charts, const std::vector<SharedEdge>& edges,
+                     const ColorCameras& cameras, std::span<const ColorResponse> responses,
+                     const std::vector<ColorImage>& pages, Context& context)
+    : impl_(std::make_unique<Impl>(mesh, charts, edges, cameras, responses, pages, context)) {}
+Levelling::~Levelling() = default;
+
+Correction Levelling::correction_of(std::uint32_t chart) const { return impl_->correction_of(chart); }
+
+}  // namespace lapseam

@@ -1,0 +1,309 @@
+// Based on: Y. Sun, C. Dumont, M. Abidi, Mesh-based Integration of Range and Color Images, 2000, §2.4.
+
+#include "lapseam/texture.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "core/parallel.h"
+#include "lapseam/error.h"
+#include "lapseam/io.h"
+#include "texture/candidates.h"
+#include "texture/charts.h"
+#include "texture/choose_images.h"
+#include "texture/equalize.h"
+#include "texture/level.h"
+#include "texture/packing.h"
+#include "texture/painting.h"
+#include "texture/shared_edges.h"
+
+namespace lapseam {
+namespace {
+
+constexpr int kSmallestPage_px = 64;
+
+void check_options(const TextureOptions& options) {
+  if (options.page_size < kSmallestPage_px)
+    throw InvalidInput({}, {}, "page_size", "must be at least " + std::to_string(kSmallestPage_px));
+  if (!(std::isfinite(options.texel_m) && options.texel_m >= 0))
+    throw InvalidInput({}, {}, "texel_m", "must be a length");
+}
+
+class Texturing {
+ public:
+  Texturing(Mesh& mesh, std::span<const ViewSource> sources, const TextureOptions& options, Context& context)
+      : mesh_(mesh),
+        sources_(sources),
+        options_(options),
+        context_(context),
+        cameras_(make_color_cameras(sources, mesh.origin_m)),
+        page_blocks_(options.page_size / kBlock_px) {}
+
+  TextureReport run() {
+    look();
+    equalize_views();
+    choose();
+    pack();
+    paint();
+    finish();
+    return report_;
+  }
+
+ private:
+  void look() {
+    StageScope stage(context_, "texture: look", sources_.size());
+    const RayScene scene(mesh_.positions_m, mesh_.triangles, context_);
+    const auto pixels_of = [&](std::size_t i) {
+      return cameras_[i] ? std::uint64_t(cameras_[i]->width()) * std::uint64_t(cameras_[i]->height()) : 0;
+    };
+    std::uint64_t all = 0;
+    for (std::size_t i = 0; i < sources_.size(); ++i) all += pixels_of(i);
+    depths_.resize(sources_.size());
+    parallel_for(context_, sources_.size(), 1, [&](std::size_t i) {
+      if (cameras_[i])
+        depths_[i] = render_depth(*cameras_[i], scene, choose_stride(pixels_of(i), all), options_.registration_error_m);
+      stage.advance();
+    });
+  }
+
+  void equalize_views() {
+    responses_.resize(sources_.size());
+    blur_.assign(sources_.size(), 0);
+    if (!options_.equalize) return;
+    Equalization found = equalize(mesh_, sources_, cameras_, depths_, context_);
+    responses_ = std::move(found.of_view);
+    blur_ = std::move(found.blur);
+    report_.observations = found.observations;
+    report_.color_residual_before = found.residual_before;
+    report_.color_residual_after = found.residual_after;
+    for (std::size_t i = 0; i < sources_.size(); ++i) {
+      if (!cameras_[i]) continue;
+      const double gain = double(std::exp(responses_[i].gain.mean()));
+      report_.lowest_gain = std::min(report_.lowest_gain, gain);
+      report_.highest_gain = std::max(report_.highest_gain, gain);
+    }
+  }
+
+  void choose() {
+    StageScope stage(context_, "texture: choose");
+    edges_ = find_shared_edges(mesh_, context_);
+    Cells cells = make_cells(mesh_, edges_);
+    if (!options_.choose) cells = take_apart(cells, std::vector<std::uint8_t>(cells.count(), 1));
+    Candidates candidates = find_candidates(mesh_, cells, cameras_, depths_, blur_, context_);
+    // Where no image shows all of a cell, one may show a triangle of it.
+    std::vector<std::uint8_t> is_unseen(cells.count());
+    for (std::size_t c = 0; c < cells.count(); ++c) is_unseen[c] = candidates.density_px[c] == 0;
+    if (options_.choose && std::find(is_unseen.begin(), is_unseen.end(), 1) != is_unseen.end()) {
+      cells = take_apart(cells, is_unseen);
+      candidates = find_candidates(mesh_, cells, cameras_, depths_, blur_, context_);
+    }
+    std::vector<std::uint32_t> view_of_cell;
+    if (options_.choose) {
+      sample_colors(mesh_, cells, sources_, cameras_, responses_, candidates, context_);
+      view_of_cell = choose_images(mesh_, cells, candidates, edges_, context_);
+    } else {
+      view_of_cell = measured_images(cells, candidates);
+    }
+    view_.resize(mesh_.triangle_count());
+    for (std::size_t c = 0; c < cells.count(); ++c)
+      for (const std::uint32_t i : cells.of(c)) view_[i] = view_of_cell[c];
+    for (std::size_t i = 0; i < view_.size(); ++i) {
+      report_.unseen_triangles += view_[i] == kInvalidIndex;
+      report_.retaken_triangles +=
+          view_[i] != kInvalidIndex && !mesh_.triangle_view.empty() && view_[i] != mesh_.triangle_view[i];
+    }
+  }
+
+  /// The image that a triangle was measured with, or the best where that one does not show it. cells: single triangles.
+  std::vector<std::uint32_t> measured_images(const Cells& cells, const Candidates& candidates) const {
+    std::vector<std::uint32_t> view(cells.count(), kInvalidIndex);
+    for (std::size_t c = 0; c < view.size(); ++c) {
+      float lowest = 3e38f;
+      for (const Candidate& candidate : candidates.of_cell[c]) {
+        if (candidate.view == kInvalidIndex) break;
+        const bool is_measured =
+            !mesh_.triangle_view.empty() && candidate.view == mesh_.triangle_view[cells.of(c).front()];
+        if (!is_measured && candidate.cost >= lowest) continue;
+        view[c] = candidate.view;
+        lowest = is_measured ? -1 : candidate.cost;
+      }
+    }
+    return view;
+  }
+
+  // ---- the atlas
+
+  struct RegionSize {
+    double area_px = 0, area_m2 = 0;
+    float extent_px = 0;  // of its largest triangle
+  };
+
+  void measure_triangle(std::size_t i, RegionSize& size) const {
+    const Triangle& t = mesh_.triangles[i];
+    std::array<Eigen::Vector2f, 3> p;
+    for (std::size_t k = 0; k < 3; ++k)
+      if (!cameras_[view_[i]]->project(mesh_.positions_m[t[k]], p[k])) return;
+    if (cameras_[view_[i]]->wraps()) unwrap(p, cameras_[view_[i]]->width());
+    const Eigen::Vector2f ab = p[1] - p[0], ac = p[2] - p[0];
+    size.area_px += double(std::abs(ab.x() * ac.y() - ab.y() * ac.x()));
+    size.area_m2 += double((mesh_.positions_m[t[1]] - mesh_.positions_m[t[0]])
+                               .cross(mesh_.positions_m[t[2]] - mesh_.positions_m[t[0]])
+                               .norm());
+    const Eigen::Vector2f extent = p[0].cwiseMax(p[1]).cwiseMax(p[2]) - p[0].cwiseMin(p[1]).cwiseMin(p[2]);
+    size.extent_px = std::max(size.extent_px, extent.maxCoeff());
+  }
+
+  /// Of each region, how much smaller its image must be for the limits; 1 for most.
+  std::vector<float> find_scales(const std::vector<std::uint32_t>& root, const std::vector<RegionSize>& size) const {
+    // Where charts are cut, their triangles' middles lie within half a page, and their corners up to two thirds of
+    // their extent from these on either side, with the padding and the blocks' alignment: all that fits on a page.
+    const float most_px = 0.375f * float(page_blocks_ * kBlock_px) - 2 * float(kBlock_px);
+    std::vector<float> scale(root.size(), 1);
+    for (std::size_t i = 0; i < root.size(); ++i) {
+      if (root[i] == kInvalidIndex) continue;
+      const RegionSize& region = size[root[i]];
+      double most = double(std::min(1.0f, most_px / std::max(region.extent_px, 1e-6f)));
+      if (options_.texel_m > 0 && region.area_px > 0)
+        most = std::min(most, std::sqrt(region.area_m2 / region.area_px) / options_.texel_m);
+      most *= report_.scale;
+      // Few different scales, so that regions of one image can share charts.
+      scale[i] = most < 1 ? float(std::exp2(std::floor(4 * std::log2(most)) / 4)) : 1;
+    }
+    return scale;
+  }
+
+  void pack() {
+    StageScope stage(context_, "texture: pack");
+    const std::vector<std::uint32_t> root = find_regions(edges_, view_);
+    std::vector<RegionSize> size(root.size());
+    for (std::size_t i = 0; i < root.size(); ++i)
+      if (root[i] != kInvalidIndex) measure_triangle(i, size[root[i]]);
+    constexpr int kMostTries = 12;
+    for (int attempt = 0;; ++attempt) {
+      charts_ = make_charts(mesh_, cameras_, view_, find_scales(root, size), page_blocks_, context_);
+      const std::uint64_t bytes = pack_charts();
+      if (options_.memory_bytes == 0 || bytes <= options_.memory_bytes) break;
+      if (attempt == kMostTries)
+        throw InvalidInput({}, {}, "texture memory",
+                           "the smallest pages that hold the texture take " + std::to_string(bytes) + " bytes");
+      report_.scale *= std::min(0.84, std::sqrt(double(options_.memory_bytes) / double(bytes)));
+    }
+  }
+
+  std::uint64_t pack_charts() {
+    std::vector<BlockShape> shapes;
+    std::uint64_t blocks = 0;
+    int widest = 1;
+    for (const Chart& chart : charts_.charts) {
+      shapes.push_back(chart.shape);
+      widest = std::max(widest, chart.shape.width);
+      blocks += std::uint64_t(std::count(chart.shape.used.begin(), chart.shape.used.end(), 1));
+    }
+    // What fits on one page makes a square one.
+    const int square = int(std::ceil(std::sqrt(1.05 * double(blocks))));
+    const int width = std::min(page_blocks_, std::max(widest, square));
+    const Packing packing = pack_blocks(shapes, width, page_blocks_, context_);
+    for (std::size_t c = 0; c < charts_.charts.size(); ++c) charts_.charts[c].place = packing.places[c];
+    page_sizes_ = packing.pages;
+    report_.chart_pixels = blocks * kBlock_px * kBlock_px;
+    report_.page_pixels = 0;
+    for (const BlockPage& page : page_sizes_)
+      report_.page_pixels += std::uint64_t(page.width) * std::uint64_t(page.height) * kBlock_px * kBlock_px;
+    return 3 * report_.page_pixels;
+  }
+
+  void paint() {
+    mesh_.pages.clear();
+    for (const BlockPage& page : page_sizes_) {
+      mesh_.pages.emplace_back(page.width * kBlock_px, page.height * kBlock_px);
+      uses_.emplace_back(page.width * kBlock_px, page.height * kBlock_px);
+    }
+    std::vector<std::vector<std::uint32_t>> charts_of_view(sources_.size());
+    for (std::uint32_t c = 0; c < charts_.charts.size(); ++c) charts_of_view[charts_.charts[c].view].push_back(c);
+    StageScope stage(context_, "texture: paint", sources_.size());
+    parallel_for(context_, sources_.size(), 1, [&](std::size_t i) {
+      if (!charts_of_view[i].empty()) {
+        const ColorImage image = load_color(sources_[i]);
+        for (const std::uint32_t c : charts_of_view[i]) {
+          const Chart& chart = charts_.charts[c];
+          ColorImage& page = mesh_.pages[std::size_t(chart.place.page)];
+          UseMask& use = uses_[std::size_t(chart.place.page)];
+          copy_blocks(mesh_, charts_, chart, image, *cameras_[i], page);
+          mark_used(charts_, chart, &depths_[i], use);
+          fill_unused(chart, use, page);
+        }
+      }
+      stage.advance();
+    });
+    for (const UseMask& use : uses_)
+      for (const std::uint8_t u : use.pixels) {
+        report_.used_pixels += u != kPadding;
+        report_.fringe_pixels += u == kFringed;
+      }
+    uses_.clear();
+  }
+
+  void finish() {
+    StageScope stage(context_, "texture: level");
+    std::unique_ptr<Levelling> levelling;
+    if (options_.level)
+      levelling = std::make_unique<Levelling>(mesh_, charts_, edges_, cameras_, responses_, mesh_.pages, context_);
+    parallel_for(context_, charts_.charts.size(), 1, [&](std::size_t c) {
+      const Chart& chart = charts_.charts[c];
+      const Correction correction = levelling ? levelling->correction_of(std::uint32_t(c)) : Correction();
+      correct_chart(chart, responses_[chart.view], *cameras_[chart.view], correction,
+                    mesh_.pages[std::size_t(chart.place.page)]);
+    });
+    set_texcoords();
+    report_.charts = charts_.charts.size();
+    report_.pages = mesh_.pages.size();
+    mesh_.colors.clear();
+    if (report_.unseen_triangles > 0) color_vertices(mesh_, context_);
+  }
+
+  void set_texcoords() {
+    mesh_.texcoords = std::move(charts_.pixels);
+    mesh_.triangle_page.assign(mesh_.triangle_count(), kInvalidIndex);
+    for (std::size_t i = 0; i < mesh_.triangle_count(); ++i) {
+      const std::uint32_t c = charts_.chart_of_triangle[i];
+      if (c == kInvalidIndex) {
+        mesh_.texcoords[i] = {Eigen::Vector2f::Zero(), Eigen::Vector2f::Zero(), Eigen::Vector2f::Zero()};
+        continue;
+      }
+      const Chart& chart = charts_.charts[c];
+      const ColorImage& page = mesh_.pages[std::size_t(chart.place.page)];
+      mesh_.triangle_page[i] = std::uint32_t(chart.place.page);
+      for (Eigen::Vector2f& p : mesh_.texcoords[i])
+        // Pixel centres are at integers, texture coordinates measure from the page's edge.
+        p = {(p.x() + float(chart.x0()) + 0.5f) / float(page.width),
+             (p.y() + float(chart.y0()) + 0.5f) / float(page.height)};
+    }
+  }
+
+  Mesh& mesh_;
+  std::span<const ViewSource> sources_;
+  const TextureOptions& options_;
+  Context& context_;
+  const ColorCameras cameras_;
+  const int page_blocks_;
+  TextureReport report_;
+  std::vector<DepthImage> depths_;
+  std::vector<ColorResponse> responses_;
+  std::vector<float> blur_;
+  std::vector<SharedEdge> edges_;
+  std::vector<std::uint32_t> view_;  // that shows each triangle
+  Charts charts_;
+  std::vector<BlockPage> page_sizes_;
+  std::vector<UseMask> uses_;
+};
+
+}  // namespace
+
+TextureReport texture(Mesh& mesh, std::span<const ViewSource> sources, const TextureOptions& options,
+                      Context& context) {
+  check_options(options);
+  return Texturing(mesh, sources, options, context).run();
+}
+
+}  // namespace lapseam

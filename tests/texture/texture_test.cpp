@@ -1,0 +1,295 @@
+#include "lapseam/texture.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "lapseam/context.h"
+#include "lapseam/error.h"
+#include "lapseam/evaluate_novel.h"
+#include "lapseam/render.h"
+#include "support/painted_views.h"
+
+namespace lapseam {
+namespace {
+
+// Each pixel says where it is.
+ColorImage coordinates_image(int w, int h, std::uint8_t blue) {
+  ColorImage image(w, h);
+  for (int v = 0; v < h; ++v)
+    for (int u = 0; u < w; ++u) image.at(u, v) = {std::uint8_t(u), std::uint8_t(v), blue};
+  return image;
+}
+
+ViewSource colored_source(const Sensor& camera, std::uint8_t blue) {
+  ViewSource source;
+  source.name = "view" + std::to_string(blue);
+  source.sensor_id = "camera";
+  source.color = ColorSource{{},
+                             camera,
+                             Eigen::Isometry3d::Identity(),
+                             std::make_shared<ColorImage>(coordinates_image(width(camera), height(camera), blue))};
+  return source;
+}
+
+// A square of two triangles that fills pixels (u0, v0) to (u1, v1) of a camera at the origin, at z = 1.
+void append_square(Mesh& mesh, const PinholeSensor& camera, int u0, int v0, int u1, int v1, std::uint32_t view) {
+  const auto base = std::uint32_t(mesh.vertex_count());
+  for (const auto& [u, v] : {std::pair{u0, v0}, {u0, v1}, {u1, v1}, {u1, v0}}) {
+    mesh.positions_m.push_back(camera.unproject(u, v, 1).cast<float>());
+    mesh.vertex_view.push_back(view);
+    mesh.vertex_pixel.push_back(0);
+  }
+  mesh.triangles.push_back({base, base + 1, base + 2});
+  mesh.triangles.push_back({base, base + 2, base + 3});
+  for (int i = 0; i < 2; ++i) {
+    mesh.triangle_view.push_back(view);
+    mesh.triangle_tag.push_back(TriangleTag::kMeasured);
+  }
+}
+
+// The source colour that a corner's coordinates point at must be the pixel that the corner projects to.
+TEST(Atlas, CornersKeepTheirPixels) {
+  const PinholeSensor camera{200, 150, 120, 120, 99.5, 74.5, {}};
+  const std::vector<ViewSource> sources = {colored_source(camera, 10), colored_source(camera, 20)};
+  Mesh mesh;
+  append_square(mesh, camera, 10, 20, 60, 50, 0);
+  append_square(mesh, camera, 100, 20, 190, 140, 1);
+  append_square(mesh, camera, 3, 100, 33, 140, 1);
+  Context context(2);
+  const TextureReport report =
+      texture(mesh, sources, {.page_size = 512, .equalize = false, .level = false, .choose = false}, context);
+  EXPECT_EQ(report.charts, 3u);
+  EXPECT_EQ(report.unseen_triangles, 0u);
+  EXPECT_GE(report.pages, 1u);
+  for (const ColorImage& page : mesh.pages) {
+    EXPECT_LE(page.width, 512);
+    EXPECT_LE(page.height, 512);
+  }
+  // Well inside: at its ends nothing is known of what lies beyond, so the model takes colours from a little further in.
+  for (std::size_t i = 0; i < mesh.triangle_count(); ++i)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto inside = [&](const auto& corners) {
+        return (0.5 * corners(k) + 0.25 * corners((k + 1) % 3) + 0.25 * corners((k + 2) % 3)).eval();
+      };
+      PixelRange expected;
+      ASSERT_TRUE(camera.project(
+          inside([&](std::size_t c) { return mesh.positions_m[mesh.triangles[i][c]].cast<double>(); }), expected));
+      const ColorImage& page = mesh.pages[mesh.triangle_page[i]];
+      const Eigen::Vector2d uv = inside([&](std::size_t c) { return mesh.texcoords[i][c].cast<double>(); });
+      const double x = uv.x() * page.width - 0.5, y = uv.y() * page.height - 0.5;
+      const Rgb8 found = page.at(int(std::lround(x)), int(std::lround(y)));
+      // The image says where its pixels are, so what is found says where the lookup came from.
+      EXPECT_NEAR(found.r + x - std::lround(x), expected.u, 1e-2);
+      EXPECT_NEAR(found.g + y - std::lround(y), expected.v, 1e-2);
+      EXPECT_EQ(found.b, mesh.triangle_view[i] == 0 ? 10 : 20);
+    }
+}
+
+TEST(Atlas, ChartLargerThanAPageIsCut) {
+  const PinholeSensor camera{250, 250, 200, 200, 124.5, 124.5, {}};
+  const std::vector<ViewSource> sources = {colored_source(camera, 10)};
+  Mesh mesh;
+  // A connected strip of small squares, 240 pixels long.
+  for (int u = 4; u < 244; u += 8) append_square(mesh, camera, u, 100, u + 8, 108, 0);
+  for (std::uint32_t i = 4; i < mesh.vertex_count(); i += 4)  // share the vertices of neighbours
+    for (Triangle& t : mesh.triangles)
+      for (std::uint32_t& v : t) v = v == i ? i - 1 : v == i + 1 ? i - 2 : v;
+  Context context(2);
+  const TextureReport report = texture(mesh, sources, {.page_size = 96}, context);
+  EXPECT_GT(report.charts, 3u);
+  EXPECT_EQ(report.unseen_triangles, 0u);
+  for (const ColorImage& page : mesh.pages) EXPECT_LE(std::max(page.width, page.height), 96);
+}
+
+TEST(Atlas, WhatNoImageShowsContinuesTheColorsAround) {
+  const PinholeSensor camera{100, 100, 100, 100, 49.5, 49.5, {}};
+  ViewSource red = colored_source(camera, 10);
+  red.color->memory = std::make_shared<ColorImage>(100, 100, Rgb8{200, 40, 10});
+  const std::vector<ViewSource> sources = {red, ViewSource{}};
+  Mesh mesh;
+  append_square(mesh, camera, 10, 10, 40, 40, 0);
+  append_square(mesh, camera, 80, 10, 140, 40, 0);  // beyond the frame
+  append_square(mesh, camera, 40, 10, 60, 40, 1);   // measured without colour, but another view shows it
+  mesh.triangles[2][0] = mesh.triangles[0][2];      // what is beyond is joined to what is seen
+  const std::vector<std::uint32_t> provenance = mesh.triangle_view;
+  Context context(1);
+  const TextureReport report = texture(mesh, sources, {.level = false}, context);
+  EXPECT_EQ(report.unseen_triangles, 2u);
+  EXPECT_EQ(mesh.triangle_view, provenance);
+  EXPECT_EQ(mesh.triangle_page[2], kInvalidIndex);
+  EXPECT_EQ(mesh.triangle_page[3], kInvalidIndex);
+  EXPECT_NE(mesh.triangle_page[0], kInvalidIndex);
+  EXPECT_NE(mesh.triangle_page[4], kInvalidIndex);
+  ASSERT_EQ(mesh.colors.size(), mesh.vertex_count());
+  for (const std::uint32_t v : mesh.triangles[3]) EXPECT_EQ(mesh.colors[v], (Rgb8{200, 40, 10}));
+}
+
+TEST(Atlas, LimitsAreChecked) {
+  const PinholeSensor camera{100, 100, 100, 100, 49.5, 49.5, {}};
+  const std::vector<ViewSource> sources = {colored_source(camera, 10)};
+  Mesh mesh;
+  append_square(mesh, camera, 10, 10, 40, 40, 0);
+  Context context(1);
+  EXPECT_THROW(texture(mesh, sources, {.page_size = 8}, context), InvalidInput);
+  EXPECT_THROW(texture(mesh, sources, {.texel_m = -1}, context), InvalidInput);
+  EXPECT_THROW(texture(mesh, sources, {.memory_bytes = 100}, context), InvalidInput);  // under one block
+}
+
+// A room of two materials, seen by eight panorama-like rings of pinhole cameras.
+struct PaintedRoom {
+  Mesh mesh;
+  std::vector<ViewSource> sources;
+};
+
+Eigen::Vector3d room_paint(const Eigen::Vector3d& p) {
+  return Eigen::Vector3d(120 + 60 * std::sin(4 * p.x() + 2 * p.z()), 110 + 50 * std::sin(5 * p.y()),
+                         115 + 55 * std::cos(3 * p.z() - 4 * p.y()));
+}
+
+PaintedRoom make_room(int n) {
+  const Eigen::Vector3d low(-1.5, -1.2, -1), high(1.5, 1.2, 1);
+  PaintedRoom room{test::room_mesh(low, high, n), {}};
+  for (int i = 0; i < 8; ++i) {
+    const double a = 0.785 * i;
+    const Eigen::Vector3d eye(0.3 * std::cos(a + 3), 0.3 * std::sin(a + 3), 0.1 * (i % 3 - 1));
+    const Eigen::Vector3d target = eye + Eigen::Vector3d(std::cos(a), std::sin(a), 0.45 * (i % 3 - 1));
+    room.sources.push_back(test::painted_source("view" + std::to_string(i), test::small_camera(200, 95),
+                                                test::look_at(eye, target), test::box_room(low, high), room_paint,
+                                                {Eigen::Vector3d::Constant(0.8 + 0.06 * i), 0}));
+  }
+  return room;
+}
+
+TEST(Texture, SameBytesForAnyNumberOfThreads) {
+  PaintedRoom first = make_room(24);
+  Context one(1);
+  texture(first.mesh, first.sources, {.page_size = 256}, one);
+  allow_threads(8);
+  for (const int threads : {2, 3, 8}) {
+    PaintedRoom room = make_room(24);
+    Context context(threads);
+    texture(room.mesh, room.sources, {.page_size = 256}, context);
+    ASSERT_EQ(room.mesh.pages.size(), first.mesh.pages.size());
+    for (std::size_t p = 0; p < first.mesh.pages.size(); ++p)
+      EXPECT_EQ(room.mesh.pages[p].pixels, first.mesh.pages[p].pixels) << threads << " threads";
+    EXPECT_EQ(room.mesh.texcoords, first.mesh.texcoords);
+    EXPECT_EQ(room.mesh.triangle_page, first.mesh.triangle_page);
+    EXPECT_EQ(room.mesh.colors, first.mesh.colors);
+  }
+}
+
+TEST(Texture, PicturesOfTheModelAreLikeTheImages) {
+  PaintedRoom room = make_room(24);
+  Context context(2);
+  texture(room.mesh, room.sources, {}, context);
+  const NovelEvaluation evaluation = evaluate_novel(room.mesh, room.sources, context);
+  // One bilinear interpolation and a rounding more than the images: under half a level on the mean.
+  EXPECT_GT(evaluation.lowest_psnr_db, 44);
+  EXPECT_GT(evaluation.mean_ssim, 0.995);
+}
+
+TEST(Texture, LimitsOfMemoryAndTexelsAreObeyed) {
+  PaintedRoom room = make_room(24), small = make_room(24), coarse = make_room(24);
+  Context context(2);
+  const TextureReport full = texture(room.mesh, room.sources, {}, context);
+  const std::uint64_t limit = 3 * full.page_pixels / 4;
+  const TextureReport reduced = texture(small.mesh, small.sources, {.memory_bytes = limit}, context);
+  EXPECT_LE(3 * reduced.page_pixels, limit);
+  EXPECT_GT(3 * reduced.page_pixels, limit / 3) << "smaller than it need be";
+  EXPECT_LT(reduced.scale, 1);
+  // The images have pixels of about 1 cm on the walls.
+  const TextureReport at_3cm = texture(coarse.mesh, coarse.sources, {.texel_m = 0.03}, context);
+  EXPECT_LT(at_3cm.used_pixels, full.used_pixels / 4);
+  EXPECT_GT(evaluate_novel(coarse.mesh, coarse.sources, context).mean_psnr_db, 30);
+}
+
+// Coordinates are linear across a triangle, its image under perspective is not.
+TEST(Texture, LargeTrianglesAreNotDistortedByPerspective) {
+  const Eigen::Vector3d corner(-0.6, -0.5, 1.0), across(0, 1.0, 0.2), along(2.5, 0, 2.5);
+  const test::Shape wall = test::plane(corner, across.cross(along));
+  const auto stripes = [](const Eigen::Vector3d& p) {
+    return Eigen::Vector3d(std::sin(12 * p.x()) > 0 ? 200 : 60, std::sin(11 * p.y()) > 0 ? 190 : 70, 128);
+  };
+  std::vector<ViewSource> sources = {test::painted_source("slanted", test::small_camera(300, 250),
+                                                          test::look_at({0, 0, 0}, {0, 0.05, 2}), wall, stripes)};
+  Mesh mesh;
+  test::append_patch(mesh, corner + 0.02 * along, across, 0.5 * along, 1);
+  Context context(1);
+  const TextureReport report = texture(mesh, sources, {}, context);
+  ASSERT_EQ(report.unseen_triangles, 0u);
+  const NovelEvaluation evaluation = evaluate_novel(mesh, sources, context);
+  // Linear coordinates alone would shift stripes by many pixels, 15 dB.
+  EXPECT_GT(evaluation.mean_psnr_db, 27);
+}
+
+TEST(Texture, AnImageThatSomethingStandsInIsNotUsedBehindIt) {
+  const test::Shape wall = test::rectangle(2, -3, 3, -3, 3), board = test::rectangle(1, -0.2, 0.2, -0.2, 0.2);
+  const auto paint = [](const Eigen::Vector3d& p) {
+    return p.z() < 1.5 ? Eigen::Vector3d(230, 20, 20) : Eigen::Vector3d(20, 60, 200);
+  };
+  Mesh mesh;
+  test::append_patch(mesh, {-0.8, -0.8, 2}, {0, 1.6, 0}, {1.6, 0, 0}, 40);
+  const std::size_t wall_triangles = mesh.triangle_count();
+  test::append_patch(mesh, {-0.2, -0.2, 1}, {0, 0.4, 0}, {0.4, 0, 0}, 10);
+  std::vector<ViewSource> sources;
+  for (const double x : {0.0, 0.9}) {
+    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+    T.translation().x() = x;
+    sources.push_back(test::painted_source("at" + std::to_string(x), test::small_camera(300, 150), T,
+                                           test::nearest({wall, board}), paint));
+  }
+  mesh.triangle_view.assign(mesh.triangle_count(), 0);
+  Context context(2);
+  texture(mesh, sources, {.equalize = false, .level = false}, context);
+  for (std::size_t i = 0; i < wall_triangles; ++i) {
+    if (mesh.triangle_page[i] == kInvalidIndex) continue;
+    const ColorImage& page = mesh.pages[mesh.triangle_page[i]];
+    const Eigen::Vector2f uv = (mesh.texcoords[i][0] + mesh.texcoords[i][1] + mesh.texcoords[i][2]) / 3;
+    const Rgb8 found = page.at(int(uv.x() * float(page.width)), int(uv.y() * float(page.height)));
+    EXPECT_LT(found.r, 60) << "the board's red on the wall, triangle " << i;
+  }
+}
+
+TEST(Texture, APanoramaIsUsedAcrossItsSeam) {
+  const Eigen::Vector3d low(-1.5, -1.2, -1), high(1.5, 1.2, 1);
+  const SphericalSensor camera = SphericalSensor::from_limits(720, 360, -M_PI, M_PI, M_PI / 2, -M_PI / 2);
+  std::vector<ViewSource> sources = {
+      test::painted_source("station", camera, Eigen::Isometry3d::Identity(), test::box_room(low, high), room_paint)};
+  Mesh mesh = test::room_mesh(low, high, 30);
+  Context context(2);
+  const TextureReport report = texture(mesh, sources, {.page_size = 512}, context);
+  EXPECT_EQ(report.unseen_triangles, 0u);
+  const PinholeSensor pinhole = test::small_camera(200, 100);
+  std::vector<ViewSource> novel;
+  for (const Eigen::Vector3d& target :
+       {Eigen::Vector3d(-1.5, 0, 0), Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(1, 1, 0)})
+    novel.push_back(test::painted_source("novel", pinhole, test::look_at({0.1, 0.05, 0}, target),
+                                         test::box_room(low, high), room_paint));
+  EXPECT_GT(evaluate_novel(mesh, novel, context).lowest_psnr_db, 36);
+}
+
+TEST(ColorVertices, TakesTheTexturesColor) {
+  PaintedRoom room = make_room(24);
+  for (std::size_t i = 1; i < room.sources.size(); ++i) room.sources[i].color.reset();
+  Context context(2);
+  texture(room.mesh, room.sources, {}, context);
+  color_vertices(room.mesh, context);
+  ASSERT_EQ(room.mesh.colors.size(), room.mesh.vertex_count());
+  std::size_t compared = 0;
+  std::vector<std::uint8_t> is_seen(room.mesh.vertex_count(), 0);
+  for (std::size_t i = 0; i < room.mesh.triangle_count(); ++i)
+    if (room.mesh.triangle_page[i] != kInvalidIndex)
+      for (const std::uint32_t v : room.mesh.triangles[i]) is_seen[v] = 1;
+  for (std::size_t v = 0; v < is_seen.size(); ++v) {
+    if (!is_seen[v]) continue;
+    const Eigen::Vector3d paint = 0.8 * room_paint(room.mesh.positions_m[v].cast<double>());
+    const Rgb8 c = room.mesh.colors[v];
+    EXPECT_LT((Eigen::Vector3d(c.r, c.g, c.b) - paint).norm(), 12) << v;
+    ++compared;
+  }
+  EXPECT_GT(compared, 100u);
+}
+
+}  // namespace
+}  // namespace lapseam

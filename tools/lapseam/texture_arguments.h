@@ -1,0 +1,20 @@
+#pragma once
+
+// Options of texturing, for the commands that do it.
+
+#include <CLI/CLI.hpp>
+
+#include "lapseam/texture.h"
+
+namespace lapseam::tool {
+
+struct TextureArguments {
+  int page_size = TextureOptions{}.page_size;
+  double memory_mb = 0, texel_mm = 0;
+  bool no_equalize = false, no_level = false;
+};
+
+void add_texture_options(CLI::App& command, TextureArguments& arguments);
+TextureOptions texture_options(const TextureArguments& arguments);
+
+}  // namespace lapseam::tool
