@@ -24,6 +24,7 @@
 #include "lapseam/sew_meshes.h"
 #include "lapseam/simulate.h"
 #include "lapseam/smooth.h"
+#include "lapseam/smooth_scene.h"
 #include "lapseam/survey.h"
 #include "lapseam/texture.h"
 #include "lapseam/triangulate.h"
