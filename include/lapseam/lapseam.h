@@ -14,6 +14,7 @@
 #include "lapseam/io.h"
 #include "lapseam/mesh.h"
 #include "lapseam/noise.h"
+#include "lapseam/noise_measurement.h"
 #include "lapseam/overlap.h"
 #include "lapseam/patch.h"
 #include "lapseam/reduce.h"

@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 import unittest
+import xml.etree.ElementTree
 import zlib
 from pathlib import Path
 
@@ -516,6 +517,27 @@ def read_exr_plane(path):
     return width, height, samples
 
 
+class NoisePlot(ToolTest):
+    def test_shows_each_sensor_with_points_and_curve(self):
+        f = self.folder
+        self.expect_ok("simulate", "room", "-o", f / "room", "--views", "4", "--size", "120x90", "--no-color")
+        info = self.expect_ok("info", f / "room" / "scene.json", "--plot", f / "noise.svg", "--json")
+        root = xml.etree.ElementTree.parse(f / "noise.svg").getroot()
+        space = {"svg": "http://www.w3.org/2000/svg"}
+        bins = json.loads(info.stdout)["sensors"][0]["noise_by_range"]
+        self.assertGreater(len(bins), 5)
+        circles = root.findall("svg:circle", space)
+        self.assertEqual(len(circles), len(bins))
+        # Farther is rougher: to the right and up.
+        self.assertLess(float(circles[0].get("cx")), float(circles[-1].get("cx")))
+        self.assertGreater(float(circles[0].get("cy")), float(circles[-1].get("cy")))
+        self.assertEqual(len(root.findall("svg:polyline", space)), 1)
+
+    def test_unwritable_plot_names_the_path(self):
+        scene = save(self.folder, write_wall_scene(self.folder))
+        self.expect_failure(1, "info", scene, "--plot", self.folder / "none" / "noise.svg", names=["noise.svg"])
+
+
 class Smooth(ToolTest):
     def test_writes_a_scene_of_the_same_views(self):
         f = self.folder
@@ -766,7 +788,7 @@ class Progress(ToolTest):
 
 if __name__ == "__main__":
     if "--list" in sys.argv:
-        for case in (Usage, Integrate, BadInput, Sew, Smooth, Instruments, Progress):
+        for case in (Usage, Integrate, BadInput, Sew, NoisePlot, Smooth, Instruments, Progress):
             for test in unittest.defaultTestLoader.getTestCaseNames(case):
                 print(f"{case.__name__}.{test}")
     else:
