@@ -100,24 +100,30 @@ class SceneSmoother {
       if (!scene_.views[i].noise) views_of_sensor[scene_.views[i].sensor_id].push_back(i);
     StageScope stage(context_, "noise", views_of_sensor.size());
     for (const auto& [id, members] : views_of_sensor) {
-      const std::size_t count = std::min(kNoiseViews, members.size());
-      std::vector<std::optional<View>> views(count);
-      parallel_for(context_, count, 1, [&](std::size_t k) {
-        std::string told_later;
-        views[k] = load(members[k * members.size() / count], told_later);
-      });
-      std::vector<const View*> usable;
-      for (const auto& view : views)
-        if (view) usable.push_back(&*view);
-      // All of the sample may be bad where few views are not.
-      for (std::size_t k = 0; usable.empty() && k < members.size(); ++k) {
-        std::string told_later;
-        views[0] = load(members[k], told_later);
-        if (views[0]) usable.push_back(&*views[0]);
-      }
-      if (!usable.empty()) noise_of_sensor_[id] = estimate_noise(usable, context_);
+      const std::vector<View> views = sample_views(members);
+      std::vector<const View*> pointers;
+      for (const View& view : views) pointers.push_back(&view);
+      if (!views.empty()) noise_of_sensor_[id] = estimate_noise(pointers, context_);
       stage.advance();
     }
+  }
+
+  /// Up to kNoiseViews of a sensor's views that can be read, at least one where there is one.
+  std::vector<View> sample_views(const std::vector<std::size_t>& members) const {
+    const std::size_t count = std::min(kNoiseViews, members.size());
+    std::vector<std::optional<View>> loaded(count);
+    parallel_for(context_, count, 1, [&](std::size_t k) {
+      std::string told_later;
+      loaded[k] = load(members[k * members.size() / count], told_later);
+    });
+    std::vector<View> views;
+    for (auto& view : loaded)
+      if (view) views.push_back(std::move(*view));
+    for (std::size_t k = 0; views.empty() && k < members.size(); ++k) {
+      std::string told_later;
+      if (auto view = load(members[k], told_later)) views.push_back(std::move(*view));
+    }
+    return views;
   }
 
   void smooth_views() {
