@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "lapseam/noise.h"
+#include "lapseam/noise_measurement.h"
 #include "lapseam/view.h"
 
 namespace lapseam {
@@ -41,6 +41,7 @@ struct SensorSurvey {
   std::string sensor_id;
   std::uint64_t views = 0;          ///< usable ones
   NoiseModel noise;                 ///< estimated from the range images
+  std::vector<NoiseBin> bins;       ///< what that was fitted to
   std::optional<NoiseModel> given;  ///< what the scene says, of its first view that says something
 };
 

@@ -6,6 +6,7 @@
 #include "core/parallel.h"
 #include "lapseam/error.h"
 #include "lapseam/noise.h"
+#include "lapseam/noise_measurement.h"
 #include "noise/fit_noise.h"
 #include "noise/roughness.h"
 
@@ -128,6 +129,10 @@ std::vector<NoiseBin> make_bins(std::vector<Roughness>& samples, const std::vect
 }  // namespace
 
 NoiseModel estimate_noise(std::span<const View* const> views, Context& context) {
+  return measure_noise(views, context).model;
+}
+
+NoiseMeasurement measure_noise(std::span<const View* const> views, Context& context) {
   if (views.empty()) throw InvalidInput({}, {}, "noise", "no view to estimate it from");
   Samples samples = sample_views(views, context);
   std::sort(samples.ranges.begin(), samples.ranges.end());
@@ -139,7 +144,7 @@ NoiseModel estimate_noise(std::span<const View* const> views, Context& context) 
   NoiseModel noise = bins.empty() ? NoiseModel{0, kUnknownNoise, 0, 0} : fit_noise(bins);
   const double step = step_between(samples.ranges, samples.ranges.front(), samples.ranges.back(), 0.1);
   noise.floor_m = std::max(step * kFromStep, middle * kFloatStep);
-  return noise;
+  return {noise, std::move(bins)};
 }
 
 }  // namespace lapseam

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "core/parallel.h"
 
@@ -25,6 +26,18 @@ constexpr std::size_t kFewestNeighbors = 6;
 // After the first pass samples share measurements: the variance of a mean is this many times what it would be if they
 // did not (1D kernels [1 1 1] ∗ [1 0 1 0 1] ∗ …, squared: between 2.1 and 2.4 per pass).
 constexpr float kCorrelation = 2.25f;
+
+// Samples that the passes left with more than this share of their sigma (beside pixels without a sample, at borders of
+// the image, steps and creases, or far off themselves) are settled afterwards by what the smoothed samples on a line
+// through them say, on both sides or on one. Before, one in a hundred of these stayed a spike of over two sigmas.
+constexpr float kUnsettled = 0.3f;
+constexpr int kSettlings = 2;
+// What agrees with a sample here has been smoothed, and errs less than the sample: the gate may be wider than above.
+constexpr float kSettledAgreement = 3.5f;
+// Once moved, a sample may be off by half the variance that it had.
+constexpr float kMovedVariance = 0.5f;
+// Smoothed neighbours share measurements with each other.
+constexpr float kSharing = 3.0f;
 
 // Pairs whose rays are not symmetric about the centre ray (staggered grids) would shear slopes; in samples.
 constexpr float kLargestAsymmetry_px = 0.05f;
@@ -52,6 +65,57 @@ float pair_correction(const Sensor& sensor, int du, int dv) {
   return float(1.0 / std::cos(std::hypot(a, b)));
 }
 
+using Corrections = std::array<float, 4>;
+Corrections corrections_at(const Sensor& sensor, int distance) {
+  Corrections out;
+  for (std::size_t k = 0; k < 4; ++k)
+    out[k] = pair_correction(sensor, kDirections[k][0] * distance, kDirections[k][1] * distance);
+  return out;
+}
+
+void order(float& a, float& b) {
+  const float low = std::min(a, b);
+  b = std::max(a, b);
+  a = low;
+}
+
+// Mean of the two in the middle (Batcher's odd-even network, without what only orders the others).
+float median_of_8(std::array<float, 8>& x) {
+  for (const auto [a, b] : {std::array{0, 1},
+                            {2, 3},
+                            {4, 5},
+                            {6, 7},
+                            {0, 2},
+                            {1, 3},
+                            {4, 6},
+                            {5, 7},
+                            {1, 2},
+                            {5, 6},
+                            {0, 4},
+                            {1, 5},
+                            {2, 6},
+                            {3, 7},
+                            {2, 4},
+                            {3, 5},
+                            {3, 4}})
+    order(x[std::size_t(a)], x[std::size_t(b)]);
+  return 0.5f * (x[3] + x[4]);
+}
+
+// A weighted mean under way. Weights are relative to the sample's own, which is 1: their unit may be anything.
+struct Mean {
+  float sum = 0, weights = 0, variances = 0;
+
+  // What is off by more than `limit`, squared, does not count; less, by Tukey's biweight.
+  void add(bool is_there, float value, float variance, float residual, float limit, float own_variance) {
+    const float t = 1.0f - residual * residual / limit;
+    const float w = is_there && t > 0 ? t * t * own_variance / variance : 0.0f;
+    sum += w * value;
+    weights += w;
+    variances += w * w * variance;
+  }
+};
+
 class Smoother {
  public:
   Smoother(const View& view, const NoiseModel& noise)
@@ -59,39 +123,41 @@ class Smoother {
         is_central_(!grid_.measured && !std::holds_alternative<OrthographicSensor>(view.sensor)),
         sensor_(view.sensor),
         value_(view.range.size()),
-        sigma_(view.range.size()) {
+        variance_(view.range.size()) {
     for (std::size_t i = 0; i < value_.size(); ++i) {
       const float r = view.range.pixels[i];
       if (!(r > 0)) continue;
       const auto s = float(noise.sigma(double(r)));
+      const float sigma = is_central_ ? s / (r * r) : s;
       value_[i] = is_central_ ? 1.0f / r : r;
-      sigma_[i] = is_central_ ? s / (r * r) : s;
+      variance_[i] = std::max(sigma * sigma, std::numeric_limits<float>::min());
     }
-    initial_sigma_ = sigma_;
+    initial_variance_ = variance_;
   }
 
   // Tames outliers against the median of the neighbours.
   void tame_outliers(Context& context) {
-    std::vector<float> value = value_;
-    parallel_blocks(context, std::size_t(grid_.height), 16, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t v = begin; v != end; ++v)
-        for (int u = 0; u < grid_.width; ++u) tame_sample(u, int(v), value);
-    });
-    value_.swap(value);
+    for_all(context, [&](int u, int v, std::vector<float>& value, std::vector<float>&) { tame_sample(u, v, value); });
   }
 
-  // One pass at one tap distance, from value_/sigma_ into fresh buffers.
+  // One pass at one tap distance.
   void pass(int distance, Context& context) {
-    std::vector<float> value = value_, sigma = sigma_;
-    std::array<float, 4> correction;
-    for (std::size_t k = 0; k < 4; ++k)
-      correction[k] = pair_correction(sensor_, kDirections[k][0] * distance, kDirections[k][1] * distance);
+    const Corrections correction = corrections_at(sensor_, distance);
+    next_value_ = value_;
+    next_variance_ = variance_;
     parallel_blocks(context, std::size_t(grid_.height), 16, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t v = begin; v != end; ++v)
-        for (int u = 0; u < grid_.width; ++u) smooth_sample(u, int(v), distance, correction, value, sigma);
+      for (int v = int(begin); v != int(end); ++v) smooth_row(v, distance, correction);
     });
-    value_.swap(value);
-    sigma_.swap(sigma);
+    value_.swap(next_value_);
+    variance_.swap(next_variance_);
+  }
+
+  // What had too few pairs that agree.
+  void settle(Context& context) {
+    const std::array<Corrections, 2> corrections = {corrections_at(sensor_, 1), corrections_at(sensor_, 2)};
+    for_all(context, [&](int u, int v, std::vector<float>& value, std::vector<float>& variance) {
+      settle_sample(u, v, corrections, value, variance);
+    });
   }
 
   SmoothResult result(const View& view) const {
@@ -101,81 +167,177 @@ class Smoother {
     for (std::size_t i = 0; i < value_.size(); ++i) {
       if (!(view.range.pixels[i] > 0)) continue;
       out.range.pixels[i] = is_central_ ? 1.0f / value_[i] : value_[i];
-      factors.push_back(sigma_[i] / initial_sigma_[i]);
+      factors.push_back(variance_[i] / initial_variance_[i]);
     }
     if (!factors.empty()) {
       const auto middle = factors.begin() + std::ptrdiff_t(factors.size() / 2);
       std::nth_element(factors.begin(), middle, factors.end());
-      out.remaining_sigma_factor = double(*middle);
+      out.remaining_sigma_factor = std::sqrt(double(*middle));
     }
     return out;
   }
 
  private:
+  // f(u, v, value, variance) for each pixel, from value_ and variance_ into fresh buffers.
+  template <typename F>
+  void for_all(Context& context, const F& f) {
+    next_value_ = value_;
+    next_variance_ = variance_;
+    parallel_blocks(context, std::size_t(grid_.height), 16, [&](std::size_t begin, std::size_t end) {
+      for (int v = int(begin); v != int(end); ++v)
+        for (int u = 0; u < grid_.width; ++u) f(u, v, next_value_, next_variance_);
+    });
+    value_.swap(next_value_);
+    variance_.swap(next_variance_);
+  }
+
   void tame_sample(int u, int v, std::vector<float>& value) const {
-    const std::size_t centre = std::size_t(v) * std::size_t(grid_.width) + std::size_t(u);
-    const float s = sigma_[centre];
-    if (!(s > 0)) return;
+    const std::size_t centre = index(u, v);
+    if (!is_sample(centre)) return;
     std::array<float, 8> around;
     std::size_t n = 0;
-    for (std::size_t k = 0; k < 4; ++k) {  // in pairs, so that a slanted plane's median is its centre
-      const std::size_t a = neighbor(u + kDirections[k][0], v + kDirections[k][1]);
-      const std::size_t b = neighbor(u - kDirections[k][0], v - kDirections[k][1]);
-      if (a == kNone || b == kNone || !(sigma_[a] > 0) || !(sigma_[b] > 0) || !is_symmetric(grid_, a, b, centre))
-        continue;
+    for (const auto& d : kDirections) {  // in pairs, so that a slanted plane's median is its centre
+      const std::size_t a = neighbor(u + d[0], v + d[1]), b = neighbor(u - d[0], v - d[1]);
+      if (!is_pair(a, b, centre)) continue;
       around[n++] = value_[a];
       around[n++] = value_[b];
     }
     if (n < kFewestNeighbors) return;
-    std::sort(around.begin(), around.begin() + std::ptrdiff_t(n));
-    const float median = 0.5f * (around[(n - 1) / 2] + around[n / 2]);
-    const float deviation = value_[centre] - median;
+    if (n < around.size()) std::sort(around.begin(), around.begin() + std::ptrdiff_t(n));
+    const float median = n == around.size() ? median_of_8(around) : 0.5f * (around[(n - 1) / 2] + around[n / 2]);
+    const float deviation = value_[centre] - median, s = std::sqrt(variance_[centre]);
     if (std::abs(deviation) < kSpeck * s) value[centre] = median + std::clamp(deviation, -kTamed * s, kTamed * s);
   }
 
-  void smooth_sample(int u, int v, int distance, const std::array<float, 4>& correction, std::vector<float>& value,
-                     std::vector<float>& sigma) const {
-    const std::size_t centre = std::size_t(v) * std::size_t(grid_.width) + std::size_t(u);
-    const float x = value_[centre], s = sigma_[centre];
-    if (!(s > 0)) return;
-    float sum = 0, weight_sum = 0, variance_sum = 0;
-    for (std::size_t k = 0; k < 4; ++k) {
-      const std::size_t a = neighbor(u + kDirections[k][0] * distance, v + kDirections[k][1] * distance);
-      const std::size_t b = neighbor(u - kDirections[k][0] * distance, v - kDirections[k][1] * distance);
-      if (a == kNone || b == kNone || !(sigma_[a] > 0) || !(sigma_[b] > 0)) continue;
-      if (!is_symmetric(grid_, a, b, centre)) continue;
-      const float mean = 0.5f * (value_[a] + value_[b]) * correction[k];
-      const float mean_variance = 0.25f * (sigma_[a] * sigma_[a] + sigma_[b] * sigma_[b]);
-      const float residual = mean - x;
-      const float limit = kAgreement * kAgreement * (mean_variance + s * s);
-      if (residual * residual > limit) continue;
-      const float t = 1.0f - residual * residual / limit;  // Tukey's biweight
-      const float w = t * t / mean_variance;
-      sum += w * mean;
-      weight_sum += w;
-      variance_sum += w * w * mean_variance;
+  // Most of an image is far from its borders, where neighbours need no looking for.
+  void smooth_row(int v, int distance, const Corrections& correction) {
+    const bool is_inner_row = !grid_.measured && v >= distance && v < grid_.height - distance;
+    const int begin = is_inner_row ? std::min(distance, grid_.width) : grid_.width;
+    const int end = std::max(begin, grid_.width - distance);
+    for (int u = 0; u < begin; ++u) smooth_sample(u, v, distance, correction);
+    if (begin < end) smooth_inner(index(begin, v), index(end - 1, v) + 1, distance, correction);
+    for (int u = end; u < grid_.width; ++u) smooth_sample(u, v, distance, correction);
+  }
+
+  void smooth_inner(std::size_t begin, std::size_t end, int distance, const Corrections& correction) {
+    const float* const value = value_.data();
+    const float* const variance = variance_.data();
+    float* const next_value = next_value_.data();
+    float* const next_variance = next_variance_.data();
+    std::array<std::ptrdiff_t, 4> offset;
+    for (std::size_t k = 0; k < 4; ++k)
+      offset[k] = std::ptrdiff_t(kDirections[k][1] * distance) * grid_.width + kDirections[k][0] * distance;
+    const float correlation = correlation_at(distance);
+    for (auto i = std::ptrdiff_t(begin); i < std::ptrdiff_t(end); ++i) {
+      Mean mean;
+      for (std::size_t k = 0; k < 4; ++k) {
+        const std::ptrdiff_t a = i + offset[k], b = i - offset[k];
+        add_pair(mean, variance[a] > 0 && variance[b] > 0, value[i], variance[i],
+                 0.5f * (value[a] + value[b]) * correction[k], 0.25f * (variance[a] + variance[b]));
+      }
+      next_value[i] = (value[i] + mean.sum) / (1.0f + mean.weights);
+      next_variance[i] = variance_left(mean, variance[i], correlation);
     }
-    const float own = 1.0f / (s * s);
-    const float total = weight_sum + own;
-    value[centre] = (sum + own * x) / total;
-    const float correlation = distance > 1 ? kCorrelation : 1.0f;
-    sigma[centre] = std::min(s, std::sqrt(correlation * (variance_sum + own) / (total * total)));
+  }
+
+  void smooth_sample(int u, int v, int distance, const Corrections& correction) {
+    const std::size_t centre = index(u, v);
+    if (!is_sample(centre)) return;
+    Mean mean;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const int du = kDirections[k][0] * distance, dv = kDirections[k][1] * distance;
+      const std::size_t a = neighbor(u + du, v + dv), b = neighbor(u - du, v - dv);
+      if (!is_pair(a, b, centre)) continue;
+      add_pair(mean, true, value_[centre], variance_[centre], 0.5f * (value_[a] + value_[b]) * correction[k],
+               0.25f * (variance_[a] + variance_[b]));
+    }
+    next_value_[centre] = (value_[centre] + mean.sum) / (1.0f + mean.weights);
+    next_variance_[centre] = variance_left(mean, variance_[centre], correlation_at(distance));
+  }
+
+  static void add_pair(Mean& mean, bool is_there, float own, float own_variance, float pair, float pair_variance) {
+    mean.add(is_there, pair, pair_variance, pair - own, kAgreement * kAgreement * (pair_variance + own_variance),
+             own_variance);
+  }
+
+  static float correlation_at(int distance) { return distance > 1 ? kCorrelation : 1.0f; }
+  static float variance_left(const Mean& mean, float own_variance, float correlation) {
+    const float total = 1.0f + mean.weights;
+    return std::min(own_variance, correlation * (own_variance + mean.variances) / (total * total));
+  }
+
+  // What the samples on a line through a pixel say about it.
+  struct Guess {
+    float value, variance;
+  };
+  struct Guesses {
+    std::array<Guess, 16> items;
+    std::size_t count = 0;
+    void add(float value, float variance) { items[count++] = {value, variance}; }
+  };
+
+  Guesses guess_sample(int u, int v, const std::array<Corrections, 2>& correction) const {
+    const std::size_t centre = index(u, v);
+    Guesses out;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const int du = kDirections[k][0], dv = kDirections[k][1];
+      const std::array<std::size_t, 2> near = {neighbor(u + du, v + dv), neighbor(u - du, v - dv)};
+      const std::array<std::size_t, 2> far = {neighbor(u + 2 * du, v + 2 * dv), neighbor(u - 2 * du, v - 2 * dv)};
+      for (std::size_t d = 0; d < 2; ++d) {
+        const auto [a, b] = d == 0 ? near : far;
+        if (is_pair(a, b, centre))
+          out.add(0.5f * (value_[a] + value_[b]) * correction[d][k], 0.25f * (variance_[a] + variance_[b]));
+      }
+      for (std::size_t side = 0; side < 2; ++side) {  // the line beyond its nearer sample
+        const std::size_t a = near[side], b = far[side];
+        if (a == kNone || b == kNone || !is_sample(a) || !is_sample(b) || !is_symmetric(grid_, centre, b, a)) continue;
+        out.add(2.0f * value_[a] / correction[0][k] - value_[b], 4.0f * variance_[a] + variance_[b]);
+      }
+    }
+    return out;
+  }
+
+  void settle_sample(int u, int v, const std::array<Corrections, 2>& correction, std::vector<float>& value,
+                     std::vector<float>& variance) const {
+    const std::size_t centre = index(u, v);
+    const float own = value_[centre], own_variance = variance_[centre];
+    if (!(own_variance > kUnsettled * kUnsettled * initial_variance_[centre])) return;
+    const Guesses guesses = guess_sample(u, v, correction);
+    float at = own;
+    for (const float slack : {1.0f, kMovedVariance}) {
+      Mean mean;
+      for (std::size_t i = 0; i < guesses.count; ++i) {
+        const Guess& guess = guesses.items[i];
+        const float limit = kSettledAgreement * kSettledAgreement * (guess.variance + slack * own_variance);
+        mean.add(true, guess.value, kSharing * guess.variance, guess.value - at, limit, own_variance);
+      }
+      at = (own + mean.sum) / (1.0f + mean.weights);
+      variance[centre] = own_variance / (1.0f + mean.weights);
+    }
+    value[centre] = at;
   }
 
   static constexpr std::size_t kNone = ~std::size_t(0);
+  std::size_t index(int u, int v) const { return std::size_t(v) * std::size_t(grid_.width) + std::size_t(u); }
   std::size_t neighbor(int u, int v) const {
     if (v < 0 || v >= grid_.height) return kNone;
     if (u < 0 || u >= grid_.width) {
       if (!grid_.wraps) return kNone;
       u = (u + grid_.width) % grid_.width;
     }
-    return std::size_t(v) * std::size_t(grid_.width) + std::size_t(u);
+    return index(u, v);
+  }
+  bool is_sample(std::size_t i) const { return variance_[i] > 0; }
+  bool is_pair(std::size_t a, std::size_t b, std::size_t centre) const {
+    return a != kNone && b != kNone && is_sample(a) && is_sample(b) && is_symmetric(grid_, a, b, centre);
   }
 
   Grid grid_;
   bool is_central_;
   const Sensor& sensor_;
-  std::vector<float> value_, sigma_, initial_sigma_;
+  // In the quantity that is affine on a plane; variance 0: no sample.
+  std::vector<float> value_, variance_, initial_variance_;
+  std::vector<float> next_value_, next_variance_;
 };
 
 }  // namespace
@@ -184,6 +346,7 @@ SmoothResult smooth(const View& view, const NoiseModel& noise, const SmoothOptio
   Smoother smoother(view, noise);
   if (options.reach_px > 0) smoother.tame_outliers(context);
   for (int distance = 1; distance <= options.reach_px; distance *= 2) smoother.pass(distance, context);
+  for (int i = 0; i < kSettlings && options.reach_px > 0; ++i) smoother.settle(context);
   return smoother.result(view);
 }
 

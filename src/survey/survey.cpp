@@ -104,7 +104,9 @@ class Surveyor {
       std::vector<const View*> views;
       for (const std::size_t i : members) views.push_back(&*kept_[i]);
       sensors[id].sensor_id = id;
-      sensors[id].noise = estimate_noise(views, context_);
+      NoiseMeasurement measured = measure_noise(views, context_);
+      sensors[id].noise = measured.model;
+      sensors[id].bins = std::move(measured.bins);
     }
     for (std::size_t i = 0; i < out_.views.size(); ++i) {
       if (!out_.views[i].is_usable()) continue;

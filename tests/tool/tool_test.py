@@ -15,11 +15,13 @@ import sys
 import tempfile
 import time
 import unittest
+import xml.etree.ElementTree
 import zlib
 from pathlib import Path
 
 TOOL = os.environ.get("LAPSEAM_TOOL", "build/release/lapseam")
-COMMANDS = ["simulate", "manifest", "convert", "info", "integrate", "texture", "sew", "reduce", "tiles", "render", "evaluate"]
+COMMANDS = ["simulate", "manifest", "convert", "info", "smooth", "integrate", "texture", "sew", "reduce", "tiles", "render",
+            "evaluate"]
 
 
 def run(*arguments, environment=None, **options):
@@ -652,6 +654,137 @@ class Formats(ToolTest):
         self.assertIn("out.e57", result.stderr)
         self.assertEqual(output.read_bytes(), before)
         self.assertEqual(list(self.folder.glob(".out.e57*")), [])
+def read_exr_plane(path):
+    """Width, height, and the float samples of a single-channel, ZIP-compressed scan-line EXR; no more than our tests
+    need, and not by our own reader."""
+    data = path.read_bytes()
+    at, attributes = 8, {}
+    while data[at]:
+        end = data.index(b"\0", at)
+        name, kind_end = data[at:end].decode(), data.index(b"\0", end + 1)
+        size, = struct.unpack_from("<i", data, kind_end + 1)
+        attributes[name] = data[kind_end + 5:kind_end + 5 + size]
+        at = kind_end + 5 + size
+    x0, y0, x1, y1 = struct.unpack("<4i", attributes["dataWindow"])
+    width, height = x1 - x0 + 1, y1 - y0 + 1
+    samples = []
+    for block, in struct.iter_unpack("<Q", data[at + 1:at + 1 + 8 * -(-height // 16)]):
+        y, size = struct.unpack_from("<2i", data, block)
+        full = 4 * width * min(16, height - y + y0)
+        packed = data[block + 8:block + 8 + size]
+        if size < full:
+            deltas = bytearray(zlib.decompress(packed))
+            for i in range(1, len(deltas)):
+                deltas[i] = (deltas[i - 1] + deltas[i] - 128) % 256
+            half = (len(deltas) + 1) // 2
+            packed = bytearray(len(deltas))
+            packed[0::2], packed[1::2] = deltas[:half], deltas[half:]
+        samples += struct.unpack(f"<{full // 4}f", packed)
+    return width, height, samples
+
+
+class NoisePlot(ToolTest):
+    def test_shows_each_sensor_with_points_and_curve(self):
+        f = self.folder
+        self.expect_ok("simulate", "room", "-o", f / "room", "--views", "4", "--size", "120x90", "--no-color")
+        info = self.expect_ok("info", f / "room" / "scene.json", "--plot", f / "noise.svg", "--json")
+        root = xml.etree.ElementTree.parse(f / "noise.svg").getroot()
+        space = {"svg": "http://www.w3.org/2000/svg"}
+        bins = json.loads(info.stdout)["sensors"][0]["noise_by_range"]
+        self.assertGreater(len(bins), 5)
+        circles = root.findall("svg:circle", space)
+        self.assertEqual(len(circles), len(bins))
+        # Farther is rougher: to the right and up.
+        self.assertLess(float(circles[0].get("cx")), float(circles[-1].get("cx")))
+        self.assertGreater(float(circles[0].get("cy")), float(circles[-1].get("cy")))
+        self.assertEqual(len(root.findall("svg:polyline", space)), 1)
+
+    def test_unwritable_plot_names_the_path(self):
+        scene = save(self.folder, write_wall_scene(self.folder))
+        self.expect_failure(1, "info", scene, "--plot", self.folder / "none" / "noise.svg", names=["noise.svg"])
+
+
+class Smooth(ToolTest):
+    def test_writes_a_scene_of_the_same_views(self):
+        f = self.folder
+        manifest = write_wall_scene(f / "in")
+        scene = save(f / "in", manifest)
+        result = self.expect_ok("smooth", scene, "-o", f / "out")
+        self.assertIn("3 views", result.stdout)
+        written = json.loads((f / "out" / "scene.json").read_text())
+        self.assertEqual([v["name"] for v in written["views"]], [v["name"] for v in manifest["views"]])
+        self.assertEqual([v["T_world_view"] for v in written["views"]], [v["T_world_view"] for v in manifest["views"]])
+        self.assertEqual(sorted(p.name for p in (f / "out" / "range").iterdir()), ["v0.exr", "v1.exr", "v2.exr"])
+        for view, given in zip(written["views"], manifest["views"]):
+            self.assertEqual(Path(view["color"]["file"]).resolve(), (f / "in" / given["color"]["file"]).resolve())
+            self.assertGreater(view["noise"]["floor_m"], 0)
+        self.expect_ok("integrate", f / "out", "-o", f / "out.ply")
+
+    def test_keeps_steps_and_pixels_without_a_sample(self):
+        f = self.folder
+        manifest = write_wall_scene(f, views=1)
+
+        def depth(u, v):  # a wall with a step of 0.3 m and a hole
+            if 10 <= u < 15 and 10 <= v < 14:
+                return 0
+            return (2000 if u < 30 else 2300) + zlib.crc32(bytes([u, v])) % 9 - 4
+        write_depth(f / "depth0.png", 48, 36, depth)
+        self.expect_ok("smooth", save(f, manifest), "-o", f / "out")
+        width, height, samples = read_exr_plane(f / "out" / "range" / "v0.exr")
+        self.assertEqual((width, height), (48, 36))
+        before = after = 0
+        for i, z in enumerate(samples):
+            u, v = i % width, i // width
+            self.assertEqual(z > 0, depth(u, v) > 0, (u, v))
+            if z > 0:
+                truth = 2.0 if u < 30 else 2.3
+                before, after = before + abs(depth(u, v) / 1000 - truth), after + abs(z - truth)
+                self.assertLess(abs(z - truth), 0.005)  # no more than the worst of the noise
+        self.assertLess(after, 0.5 * before)
+
+    def test_conf_keeps_its_measured_grids(self):
+        f = self.folder
+        self.expect_ok("smooth", write_conf_scene(f), "-o", f / "out")
+        self.assertIn("measured_grid", self.expect_ok("info", f / "out").stdout)
+
+    def test_same_bytes_for_any_number_of_threads(self):
+        scene = save(self.folder, write_wall_scene(self.folder))
+        for threads in [1, 3]:
+            self.expect_ok("smooth", scene, "-o", self.folder / f"out{threads}", "--threads", threads)
+        for name in ["scene.json", "range/v0.exr", "range/v2.exr"]:
+            one, three = ((self.folder / f"out{threads}" / name).read_bytes() for threads in [1, 3])
+            self.assertEqual(one, three, name)
+
+    def test_its_own_input_is_never_overwritten(self):
+        f = self.folder
+        scene = save(f, write_wall_scene(f))
+        before = scene.read_bytes()
+        self.expect_failure(1, "smooth", scene, "-o", f, names=["scene.json", "overwrite"])
+        self.assertEqual(scene.read_bytes(), before)
+        self.expect_ok("smooth", scene, "-o", f / "once")
+        (f / "once" / "scene.json").rename(f / "once" / "other.json")
+        self.expect_failure(1, "smooth", f / "once" / "other.json", "-o", f / "once", names=["v0.exr", "overwrite"])
+
+    def test_bad_views(self):
+        f = self.folder
+        manifest = write_wall_scene(f)
+        manifest["views"][0]["name"] = "../odd name"
+        manifest["views"][1]["name"] = "black"
+        write_depth(f / "depth1.png", 48, 36, lambda u, v: 0)
+        scene = save(f, manifest)
+        self.expect_failure(1, "smooth", scene, "-o", f / "out", names=["black", "no valid sample"])
+        self.assertFalse((f / "out" / "scene.json").exists())
+        result = run("smooth", scene, "-o", f / "out", "--skip-bad-views")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertIn("black", result.stderr)
+        written = json.loads((f / "out" / "scene.json").read_text())
+        self.assertEqual([v["name"] for v in written["views"]], ["../odd name", "v2"])
+        self.assertEqual(len(list((f / "out" / "range").iterdir())), 2)
+
+    def test_usage(self):
+        self.expect_usage_error("smooth")
+        self.expect_usage_error("smooth", "a.json", names=["--output"])
+        self.expect_failure(1, "smooth", self.folder / "none.json", "-o", self.folder / "out", names=["none.json"])
 
 
 class Instruments(ToolTest):
@@ -821,7 +954,7 @@ class Progress(ToolTest):
 
 if __name__ == "__main__":
     if "--list" in sys.argv:
-        for case in (Usage, Integrate, BadInput, Sew, Formats, Instruments, Progress):
+        for case in (Usage, Integrate, BadInput, Sew, Formats, NoisePlot, Smooth, Instruments, Progress):
             for test in unittest.defaultTestLoader.getTestCaseNames(case):
                 print(f"{case.__name__}.{test}")
     else:

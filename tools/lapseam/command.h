@@ -31,6 +31,7 @@ void add_texture_command(CLI::App& app);
 void add_sew_command(CLI::App& app);
 void add_evaluate_command(CLI::App& app);
 void add_reduce_command(CLI::App& app);
+void add_smooth_command(CLI::App& app);
 void add_render_command(CLI::App& app);
 void add_manifest_command(CLI::App& app);
 void add_convert_command(CLI::App& app);

@@ -1,19 +1,21 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "command.h"
 #include "lapseam/error.h"
 #include "lapseam/io.h"
 #include "lapseam/survey.h"
+#include "noise_plot.h"
 
 namespace lapseam::tool {
 namespace {
 
 struct InfoArguments {
   CommonOptions common;
-  std::string scene;
+  std::string scene, plot;
   bool json = false, pairs = false;
 };
 
@@ -54,6 +56,9 @@ nlohmann::ordered_json to_json(const Scene& scene, const Survey& found, const Co
     nlohmann::ordered_json entry = {
         {"id", sensor.sensor_id}, {"views", sensor.views}, {"estimated_noise", noise_to_json(sensor.noise)}};
     if (sensor.given) entry["given_noise"] = noise_to_json(*sensor.given);
+    entry["noise_by_range"] = nlohmann::ordered_json::array();
+    for (const NoiseBin& bin : sensor.bins)
+      entry["noise_by_range"].push_back({{"range_m", bin.range_m}, {"sigma_m", bin.sigma_m}, {"samples", bin.samples}});
     out["sensors"].push_back(std::move(entry));
   }
   out["pairs"] = nlohmann::ordered_json::array();
@@ -194,10 +199,18 @@ std::string registration_text(const Survey& found) {
                      millimetres(found.registration.p90_m));
 }
 
+void write_text(const std::string& file, const std::string& text) {
+  std::ofstream out(file, std::ios::binary);
+  out << text;
+  out.close();
+  if (!out) throw IoError(file, "cannot write");
+}
+
 void run(const InfoArguments& arguments) {
   const std::unique_ptr<Context> context = make_context(arguments.common);
   const Scene scene = read_scene(arguments.scene, {.skip_bad_views = true}, *context);
   const Survey found = survey(scene, {}, *context);
+  if (!arguments.plot.empty()) write_text(arguments.plot, plot_noise(found.sensors));
   if (arguments.json) {
     fmt::print("{}\n", to_json(scene, found, *context).dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
   } else {
@@ -219,6 +232,7 @@ void add_info_command(CLI::App& app) {
   command->add_option("PATH", arguments->scene, "A manifest, a .conf, or a folder that is recognised")->required();
   command->add_flag("--json", arguments->json, "Everything as one JSON object, pairs of views included");
   command->add_flag("--pairs", arguments->pairs, "A line for each pair of views that overlap");
+  command->add_option("--plot", arguments->plot, "Write the noise over range, measured and fitted, as an SVG picture");
   add_common_options(*command, arguments->common);
   command->callback([arguments] { run(*arguments); });
 }
