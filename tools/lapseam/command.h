@@ -24,6 +24,7 @@ std::unique_ptr<Context> make_context(const CommonOptions& options);
 
 // Each adds its subcommand; the subcommand's callback does the work and throws lapseam::Error on failure (exit code 1).
 // A wrong value found after parsing is CLI::ValidationError (exit code 2).
+void add_register_command(CLI::App& app);
 void add_integrate_command(CLI::App& app);
 void add_info_command(CLI::App& app);
 void add_simulate_command(CLI::App& app);
@@ -32,5 +33,6 @@ void add_evaluate_command(CLI::App& app);
 void add_reduce_command(CLI::App& app);
 void add_render_command(CLI::App& app);
 void add_manifest_command(CLI::App& app);
+void add_compare_poses_command(CLI::App& app);
 
 }  // namespace lapseam::tool

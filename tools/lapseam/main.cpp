@@ -136,11 +136,13 @@ int run(int argc, char** argv) {
   add_simulate_command(app);
   add_manifest_command(app);
   add_info_command(app);
+  add_register_command(app);
   add_integrate_command(app);
   add_sew_command(app);
   add_reduce_command(app);
   add_render_command(app);
   add_evaluate_command(app);
+  add_compare_poses_command(app);
   app.footer(kFooter);  // last, since commands inherit it
 
   try {
