@@ -30,6 +30,10 @@ LoadedViews load_views(const Scene& scene, const LoadOptions& options, Context& 
 /// Reads a view's picture when asked. Both must outlive it.
 PictureOf pictures_of(const Scene& scene, const LoadedViews& loaded);
 
+/// Fixed views count as the scene does; what was loaded counts by itself. Throws InvalidInput for one that was not.
+std::vector<std::uint32_t> places_of(const std::vector<std::uint32_t>& fixed, const LoadedViews& loaded,
+                                     const Scene& scene);
+
 struct SensorNoise {
   NoiseModel noise;
   bool is_given = false;             ///< by the scene, not estimated

@@ -123,22 +123,27 @@ std::string to_json(const RegisterSceneReport& report, const Context& context) {
     json["stages"].push_back(
         {{"name", stage.name}, {"seconds", stage.seconds}, {"peak_rss_bytes", stage.peak_rss_bytes}});
   json["peak_rss_bytes"] = peak_rss_bytes();
-  const RegisterReport& registration = report.registration;
-  json["capture_m"] = registration.capture_m;
-  json["capture_rad"] = registration.capture_rad;
-  json["iterations"] = registration.iterations;
-  json["variance_factor"] = registration.variance_factor;
-  json["parts"] = registration.parts;
+  json.update(Json::parse(to_json(report.registration, report.views, report.names)));
   json["views_left_out"] = report.views_left_out;
-  for (std::size_t i = 0; i < report.views.size(); ++i)
-    json["views"].push_back(of_view(report.names[i], report.views[i]));
-  json["sliding"] = Json::array();
-  for (const Sliding& sliding : registration.sliding) json["sliding"].push_back(of_sliding(report.names, sliding));
-  json["pairs"] = Json::array();
-  for (const RegisteredPair& pair : registration.pairs) json["pairs"].push_back(of_pair(report.names, pair));
   json["disagreement_before"] = Json::parse(to_json(report.disagreement_before, report.names));
   json["disagreement_after"] = Json::parse(to_json(report.disagreement_after, report.names));
   json["warnings"] = context.warnings();
+  return json.dump(1, ' ', false, Json::error_handler_t::replace);
+}
+
+std::string to_json(const RegisterReport& report, const std::vector<PlacedView>& views,
+                    const std::vector<std::string>& names) {
+  Json json;
+  json["capture_m"] = report.capture_m;
+  json["capture_rad"] = report.capture_rad;
+  json["iterations"] = report.iterations;
+  json["variance_factor"] = report.variance_factor;
+  json["parts"] = report.parts;
+  for (std::size_t i = 0; i < views.size(); ++i) json["views"].push_back(of_view(names[i], views[i]));
+  json["sliding"] = Json::array();
+  for (const Sliding& sliding : report.sliding) json["sliding"].push_back(of_sliding(names, sliding));
+  json["pairs"] = Json::array();
+  for (const RegisteredPair& pair : report.pairs) json["pairs"].push_back(of_pair(names, pair));
   return json.dump(1, ' ', false, Json::error_handler_t::replace);
 }
 

@@ -10,9 +10,6 @@
 #include "load_views.h"
 
 namespace lapseam {
-namespace {
-
-// Fixed views count as the scene does; what was loaded counts by itself.
 std::vector<std::uint32_t> places_of(const std::vector<std::uint32_t>& fixed, const LoadedViews& loaded,
                                      const Scene& scene) {
   std::vector<std::uint32_t> out;
@@ -25,8 +22,6 @@ std::vector<std::uint32_t> places_of(const std::vector<std::uint32_t>& fixed, co
   }
   return out;
 }
-
-}  // namespace
 
 PictureOf pictures_of(const Scene& scene, const LoadedViews& loaded) {
   return [&scene, &loaded](std::size_t i) -> std::optional<ViewPicture> {

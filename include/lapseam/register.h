@@ -38,18 +38,18 @@ struct ViewPicture {
 /// Called once per view, from worker threads. Empty, or nothing for a view: geometry alone.
 using PictureOf = std::function<std::optional<ViewPicture>(std::size_t view)>;
 
-enum class Placement : std::uint8_t {
+enum class ViewPlacement : std::uint8_t {
   kFixed,     ///< as asked for, or the first of those that are linked
   kPlaced,    ///< moved to where it agrees best
   kUnlinked,  ///< overlaps no other view: left where it was
   kRefused,   ///< agreed less than before, or was lost: left where it was
 };
-const char* name_of(Placement placement);
+const char* name_of(ViewPlacement placement);
 
 struct PlacedView {
   Eigen::Isometry3d T_world_view = Eigen::Isometry3d::Identity();
   PoseCovariance covariance = PoseCovariance::Zero();  ///< against the fixed views; zero where nothing moved
-  Placement placement = Placement::kPlaced;
+  ViewPlacement placement = ViewPlacement::kPlaced;
   double moved_m = 0, turned_rad = 0;
   std::string problem;  ///< why it was left; empty: it was not
 };

@@ -37,6 +37,9 @@ RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOption
 
 /// The report with the context's stages and warnings, as JSON text.
 std::string to_json(const RegisterSceneReport& report, const Context& context);
+/// Capture range, placements and covariances, pairs, and what nothing determines, as JSON text.
+std::string to_json(const RegisterReport& report, const std::vector<PlacedView>& views,
+                    const std::vector<std::string>& names);
 /// Views × views, before and after: how far each pair disagrees; as SVG text.
 std::string to_svg(const RegisterSceneReport& report);
 

@@ -130,7 +130,7 @@ class Registrar {
     for (const Overlap& overlap :
          select_pairs(find_overlaps(posed_at(levels_ - 1), capture_m_, context_), n_, kMostPartners))
       pairs_.push_back({overlap, {capture_m_ / kTukey, capture_m_}, {}, {}, 0, 0, 0, false, false});
-    for (const std::uint32_t view : options_.fixed) result_.views[view].placement = Placement::kFixed;
+    for (const std::uint32_t view : options_.fixed) result_.views[view].placement = ViewPlacement::kFixed;
     fix_parts();
     start_pairs();
   }
@@ -144,18 +144,18 @@ class Registrar {
     std::vector<std::size_t> size(n_), fixed(n_);
     for (std::size_t i = 0; i < n_; ++i) {
       ++size[part[i]];
-      fixed[part[i]] += result_.views[i].placement == Placement::kFixed;
+      fixed[part[i]] += result_.views[i].placement == ViewPlacement::kFixed;
     }
     result_.report.parts = 0;
     for (std::size_t i = 0; i < n_; ++i) {
       PlacedView& view = result_.views[i];
       result_.report.parts += part[i] == i && size[i] > 1;
-      if (view.placement != Placement::kPlaced || fixed[part[i]] > 0) continue;
+      if (view.placement != ViewPlacement::kPlaced || fixed[part[i]] > 0) continue;
       if (size[part[i]] == 1) {
-        view.placement = Placement::kUnlinked;
+        view.placement = ViewPlacement::kUnlinked;
         view.problem = "overlaps no other view";
       } else if (part[i] == i) {
-        view.placement = Placement::kFixed;
+        view.placement = ViewPlacement::kFixed;
       }
     }
   }
@@ -177,7 +177,7 @@ class Registrar {
     scale_m_ = std::min(scale_m_, most);
   }
 
-  bool is_moving(std::size_t i) const { return result_.views[i].placement == Placement::kPlaced; }
+  bool is_moving(std::size_t i) const { return result_.views[i].placement == ViewPlacement::kPlaced; }
 
   bool is_central(std::size_t i) const {
     return std::holds_alternative<PinholeSensor>(views_[i].sensor) ||
@@ -373,7 +373,8 @@ class Registrar {
       if (round == kMostJudgements || !refuse(before, after)) return;
       fix_parts();
       for (std::size_t i = 0; i < n_; ++i)
-        if (result_.views[i].placement == Placement::kUnlinked) result_.views[i].T_world_view = views_[i].T_world_view;
+        if (result_.views[i].placement == ViewPlacement::kUnlinked)
+          result_.views[i].T_world_view = views_[i].T_world_view;
       refine(0, kFineIterations);
     }
   }
@@ -426,7 +427,7 @@ class Registrar {
   }
 
   void leave(std::size_t i, const std::string& problem) {
-    result_.views[i].placement = Placement::kRefused;
+    result_.views[i].placement = ViewPlacement::kRefused;
     result_.views[i].problem = problem;
     result_.views[i].T_world_view = views_[i].T_world_view;
     for (std::size_t k = 0; k < pairs_.size(); ++k)
@@ -513,7 +514,7 @@ class Registrar {
 
 }  // namespace
 
-const char* name_of(Placement placement) {
+const char* name_of(ViewPlacement placement) {
   constexpr std::array<const char*, 4> kNames = {"fixed", "placed", "unlinked", "refused"};
   return kNames[std::size_t(placement)];
 }

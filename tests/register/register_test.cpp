@@ -59,7 +59,7 @@ TEST(Register, PutsPerturbedViewsBack) {
     // 2,700 surfels of σ/4 to σ/2 in each view: a tenth of σ and little more for the weakest direction.
     EXPECT_LT(errors.max_translation_m, 0.5 * kSigma_m) << shift;
     EXPECT_LT(errors.max_rotation_rad, 0.02 * kDeg) << shift;
-    for (std::size_t i = 1; i < truth.size(); ++i) EXPECT_EQ(result.views[i].placement, Placement::kPlaced);
+    for (std::size_t i = 1; i < truth.size(); ++i) EXPECT_EQ(result.views[i].placement, ViewPlacement::kPlaced);
   }
 }
 
@@ -88,7 +88,7 @@ TEST(Register, GivenViewsStay) {
   for (const std::size_t i : {2, 4}) views[i].T_world_view = truth[i].T_world_view;
   const RegisterResult result = run(views, {.fixed = {2, 4}});
   for (const std::size_t i : {2, 4}) {
-    EXPECT_EQ(result.views[i].placement, Placement::kFixed);
+    EXPECT_EQ(result.views[i].placement, ViewPlacement::kFixed);
     EXPECT_EQ(result.views[i].T_world_view.matrix(), views[i].T_world_view.matrix());
   }
   EXPECT_LT(errors_of(result, truth).max_translation_m, 0.5 * kSigma_m);
@@ -99,7 +99,7 @@ TEST(Register, AViewThatMeetsNoOtherStays) {
   views.push_back(views[1]);
   views.back().T_world_view.pretranslate(Eigen::Vector3d(100, 0, 0));
   const RegisterResult result = run(views);
-  EXPECT_EQ(result.views[4].placement, Placement::kUnlinked);
+  EXPECT_EQ(result.views[4].placement, ViewPlacement::kUnlinked);
   EXPECT_EQ(result.views[4].T_world_view.matrix(), views[4].T_world_view.matrix());
   EXPECT_FALSE(result.views[4].problem.empty());
   EXPECT_EQ(result.report.parts, 1u);

@@ -520,6 +520,20 @@ class Register(ToolTest):
             written.append(out.read_bytes())
         self.assertEqual(len(set(written)), 1)
 
+    def test_integrate_registers_on_the_way(self):
+        room = self.folder / "room"
+        self.expect_ok("simulate", "room", "-o", room, "--views", 3, "--size", "400x200", "--sensor", "laser", "--no-color")
+        rough, report = self.folder / "rough.json", self.folder / "report.json"
+        self.expect_ok("manifest", room / "scene.json", "-o", rough, "--perturb", "20,1")
+        errors = []
+        for options in ([], ["--register"]):
+            self.expect_ok("integrate", rough, "-o", self.folder / "room.ply", "--report", report, *options)
+            found = json.loads(report.read_text())
+            self.assertEqual("registration" in found, bool(options))
+            self.assertTrue(found["disagreement"]["pairs"])
+            errors.append(found["registration_error_m"])
+        self.assertLess(errors[1], errors[0] / 3)
+
     def test_unknown_fixed_view_is_a_usage_error(self):
         scene = save(self.folder, write_wall_scene(self.folder))
         self.expect_usage_error("register", scene, "-o", self.folder / "out.json", "--fixed", "nobody", names=["nobody"])

@@ -27,6 +27,7 @@ Examples, in the order of the work:
   lapseam simulate room -o room                        a made-up scene with its truth, to try things on
   lapseam manifest frames/ -o scene.json               writes any readable scene as a manifest, to be edited
   lapseam info room/scene.json                         what is there, and is it usable?
+  lapseam register room/scene.json -o placed           all poses refined at once, as a new scene
   lapseam integrate room/scene.json -o room.glb        all views into one mesh (.ply, .glb or .obj)
   lapseam sew a.ply b.ply c.ply -o joined.ply          overlapping meshes into one, without range images
   lapseam reduce room.ply -o small.ply                 fewer triangles, within the noise
