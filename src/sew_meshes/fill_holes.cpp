@@ -31,16 +31,6 @@ void check_edges(const Mesh& mesh) {
                            std::to_string(*twice & 0xFFFFFFFFu) + ", or one repeats a vertex");
 }
 
-std::vector<std::array<std::uint32_t, 2>> open_edges(const LiveMesh& mesh) {
-  std::vector<std::array<std::uint32_t, 2>> edges;
-  for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t)
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint32_t a = mesh.triangle(t)[k], b = mesh.triangle(t)[(k + 1) % 3];
-      if (mesh.find(b, a) == kInvalidIndex) edges.push_back({a, b});
-    }
-  return edges;
-}
-
 /// Whether the loop runs around its surface: with the surface on its left, it turns as the surface's normals say.
 bool is_rim(const LiveMesh& mesh, const Loop& loop) {
   Eigen::Vector3d area = Eigen::Vector3d::Zero(), normal = Eigen::Vector3d::Zero();

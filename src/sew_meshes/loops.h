@@ -14,6 +14,9 @@ namespace lapseam {
 /// Vertices in the order of the open half-edges, so that the hole is on the right; each vertex once.
 using Loop = std::vector<std::uint32_t>;
 
+/// Open half-edges of living triangles, by triangle and corner.
+std::vector<std::array<std::uint32_t, 2>> open_edges(const LiveMesh& mesh);
+
 /// The loops that the given open edges are part of. Where several fans touch in a vertex, a loop goes on along the hole
 /// that it came along; what it passes twice is cut off as a loop of its own.
 std::vector<Loop> trace_loops(const LiveMesh& mesh, std::span<const std::array<std::uint32_t, 2>> edges);

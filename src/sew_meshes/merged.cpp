@@ -89,11 +89,13 @@ void append_mesh(MergedMeshes& merged, const Mesh& input, std::span<const Mesh> 
   }
 }
 
-void measure(MergedMeshes& merged) {
-  const Mesh& mesh = merged.mesh;
+}  // namespace
+
+VertexFrames measure_vertices(const Mesh& mesh) {
+  VertexFrames frames;
   std::vector<Eigen::Vector3d> normals(mesh.vertex_count(), Eigen::Vector3d::Zero());
   std::vector<std::uint32_t> sides(mesh.vertex_count(), 0);
-  merged.spacing_m.assign(mesh.vertex_count(), 0);
+  frames.spacing_m.assign(mesh.vertex_count(), 0);
   std::vector<float> middles;
   middles.reserve(mesh.triangle_count());
   for (const Triangle& t : mesh.triangles) {
@@ -106,24 +108,23 @@ void measure(MergedMeshes& merged) {
       normals[t[k]] += area2;
     }
     for (std::size_t k = 0; k < 3; ++k) {
-      merged.spacing_m[t[k]] += lengths[k] + lengths[(k + 2) % 3];
+      frames.spacing_m[t[k]] += lengths[k] + lengths[(k + 2) % 3];
       sides[t[k]] += 2;
     }
     std::sort(lengths.begin(), lengths.end());
     middles.push_back(lengths[1]);
   }
-  merged.normals.resize(mesh.vertex_count());
+  frames.normals.resize(mesh.vertex_count());
   for (std::size_t v = 0; v < mesh.vertex_count(); ++v) {
-    merged.normals[v] = normals[v].stableNormalized().cast<float>();
-    if (sides[v]) merged.spacing_m[v] /= float(sides[v]);
+    frames.normals[v] = normals[v].stableNormalized().cast<float>();
+    if (sides[v]) frames.spacing_m[v] /= float(sides[v]);
   }
-  if (middles.empty()) return;
+  if (middles.empty()) return frames;
   const auto median = middles.begin() + std::ptrdiff_t(middles.size() / 2);
   std::nth_element(middles.begin(), median, middles.end());
-  merged.edge_length_m = *median;
+  frames.edge_length_m = *median;
+  return frames;
 }
-
-}  // namespace
 
 std::uint32_t MergedMeshes::mesh_of_vertex(std::uint32_t v) const {
   return std::uint32_t(std::upper_bound(first_vertex.begin(), first_vertex.end(), v) - first_vertex.begin() - 1);
@@ -145,7 +146,7 @@ MergedMeshes merge_meshes(std::span<const Mesh> meshes, SewMeshesReport& report,
   }
   if (has_texture) context.warn("sewing: texture is not kept");
   merged.first_vertex.push_back(std::uint32_t(merged.mesh.vertex_count()));
-  measure(merged);
+  static_cast<VertexFrames&>(merged) = measure_vertices(merged.mesh);
   report.edge_length_m = double(merged.edge_length_m);
   return merged;
 }

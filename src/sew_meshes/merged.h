@@ -14,13 +14,18 @@ namespace lapseam {
 
 class Context;
 
-struct MergedMeshes {
+/// Of every vertex, what the triangles around it say.
+struct VertexFrames {
+  std::vector<Eigen::Vector3f> normals;  ///< unit, or zero where its triangles cancel out
+  std::vector<float> spacing_m;          ///< mean length of its edges
+  float edge_length_m = 0;               ///< median over the triangles of the middle one of their sides
+};
+VertexFrames measure_vertices(const Mesh& mesh);
+
+struct MergedMeshes : VertexFrames {
   Mesh mesh;                                 ///< with tags; textures left out
   std::vector<std::uint32_t> first_vertex;   ///< of each mesh, and the end
   std::vector<std::uint32_t> triangle_mesh;  ///< of each triangle, the mesh it is from
-  std::vector<Eigen::Vector3f> normals;      ///< per vertex: unit, or zero where its triangles cancel out
-  std::vector<float> spacing_m;              ///< per vertex: mean length of its edges
-  float edge_length_m = 0;                   ///< median over the triangles of the middle one of their sides
 
   std::uint32_t mesh_of_vertex(std::uint32_t v) const;
 };

@@ -6,6 +6,7 @@
 #include <queue>
 
 #include "core/parallel.h"
+#include "sew_meshes/seam_shape.h"
 
 namespace lapseam {
 namespace {
@@ -272,7 +273,9 @@ void Seam::close(SewMeshesReport& report) {
     close_loops(attempt, report);
   }
   cut_loose_ends();
-  improve(report);
+  const SeamShape::Changes changes = SeamShape(mesh_, check_, context_).improve(first_seam_);
+  report.flips += changes.flips;
+  report.collapses += changes.collapses;
   for (const Loop& crack : find_cracks()) report.open_edges += crack.size();
 }
 

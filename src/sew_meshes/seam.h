@@ -48,13 +48,6 @@ class Seam {
   bool cut_loose_ends();
   std::vector<std::uint32_t> find_tangle(const Loop& crack) const;
   void widen(const std::vector<Loop>& cracks, int attempt, SewMeshesReport& report);
-  void improve(SewMeshesReport& report);
-  double sine_of(const Triangle& t) const;
-  bool replace(const std::vector<std::uint32_t>& old, const std::vector<Triangle>& wanted, const TriangleRule& rule);
-  bool flip(std::uint32_t a, std::uint32_t b);
-  bool collapse(std::uint32_t from, std::uint32_t to);
-  std::uint64_t flip_edges();
-  std::uint64_t collapse_needles();
 
   LiveMesh& mesh_;
   const MergedMeshes& merged_;

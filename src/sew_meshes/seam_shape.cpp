@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "lapseam/context.h"
-#include "sew_meshes/seam.h"
+#include "sew_meshes/seam_shape.h"
 
 namespace lapseam {
 namespace {
@@ -13,18 +13,19 @@ namespace {
 constexpr int kPasses = 8;
 constexpr double kGain = 1e-3;     // of the smaller sine, so that flips end
 constexpr double kSliver = 0.259;  // sine of 15°
+constexpr double kGood = 0.5;      // sine of 30°: nothing to gain from here on
 constexpr double kFlatCosine = 0.5;
 constexpr TriangleRule kRule = {.fold_cosine = 0.0, .facing_cosine = 0.0};
 
 }  // namespace
 
-double Seam::sine_of(const Triangle& t) const {
+double SeamShape::sine_of(const Triangle& t) const {
   return smallest_sine(mesh_.position(t[0]), mesh_.position(t[1]), mesh_.position(t[2]));
 }
 
 /// All or nothing.
-bool Seam::replace(const std::vector<std::uint32_t>& old, const std::vector<Triangle>& wanted,
-                   const TriangleRule& rule) {
+bool SeamShape::replace(const std::vector<std::uint32_t>& old, const std::vector<Triangle>& wanted,
+                        const TriangleRule& rule) {
   for (const std::uint32_t t : old) mesh_.remove(t);
   std::vector<std::uint32_t> added;
   for (const Triangle& t : wanted) {
@@ -40,13 +41,14 @@ bool Seam::replace(const std::vector<std::uint32_t>& old, const std::vector<Tria
 
 /// Turns the edge between two seam triangles if their worse one gets better by it. With a measured triangle on one
 /// side, only if a sliver goes and none comes.
-bool Seam::flip(std::uint32_t a, std::uint32_t b) {
+bool SeamShape::flip(std::uint32_t a, std::uint32_t b) {
   const std::uint32_t left = mesh_.find(a, b), right = mesh_.find(b, a);
   if (left == kInvalidIndex || right == kInvalidIndex) return false;
   const std::uint32_t c = mesh_.apex(left, a, b), d = mesh_.apex(right, a, b);
   if (mesh_.find(c, d) != kInvalidIndex || mesh_.find(d, c) != kInvalidIndex) return false;
   const Triangle first = {a, d, c}, second = {d, b, c};
   const double before = std::min(sine_of(mesh_.triangle(left)), sine_of(mesh_.triangle(right)));
+  if (before > kGood) return false;
   const double after = std::min(sine_of(first), sine_of(second));
   const bool is_all_seam = mesh_.tag(left) == TriangleTag::kSeam && mesh_.tag(right) == TriangleTag::kSeam;
   if (is_all_seam ? after < before + kGain : before > kSliver || after < kSliver) return false;
@@ -56,7 +58,7 @@ bool Seam::flip(std::uint32_t a, std::uint32_t b) {
 }
 
 /// Moves the corners of all triangles at `from` to `to`, if fewer slivers are left in the seam by it.
-bool Seam::collapse(std::uint32_t from, std::uint32_t to) {
+bool SeamShape::collapse(std::uint32_t from, std::uint32_t to) {
   if (mesh_.is_on_border(from)) return false;
   std::vector<std::uint32_t> old;
   mesh_.for_each_around(from, [&](std::uint32_t t) { old.push_back(t); });
@@ -82,10 +84,10 @@ bool Seam::collapse(std::uint32_t from, std::uint32_t to) {
   return replace(old, wanted, kRule);
 }
 
-std::uint64_t Seam::flip_edges() {
+std::uint64_t SeamShape::flip_edges(std::uint32_t first) {
   std::uint64_t flips = 0;
   const auto end = std::uint32_t(mesh_.triangle_count());
-  for (std::uint32_t t = first_seam_; t < end; ++t) {
+  for (std::uint32_t t = first; t < end; ++t) {
     if (!mesh_.is_alive(t) || mesh_.tag(t) != TriangleTag::kSeam) continue;
     const Triangle c = mesh_.triangle(t);
     for (std::size_t k = 0; k < 3 && mesh_.is_alive(t); ++k) flips += flip(c[k], c[(k + 1) % 3]);
@@ -93,10 +95,10 @@ std::uint64_t Seam::flip_edges() {
   return flips;
 }
 
-std::uint64_t Seam::collapse_needles() {
+std::uint64_t SeamShape::collapse_needles(std::uint32_t first) {
   std::uint64_t collapses = 0;
   const auto end = std::uint32_t(mesh_.triangle_count());
-  for (std::uint32_t t = first_seam_; t < end; ++t) {
+  for (std::uint32_t t = first; t < end; ++t) {
     if (!mesh_.is_alive(t) || mesh_.tag(t) != TriangleTag::kSeam) continue;
     const Triangle c = mesh_.triangle(t);
     if (sine_of(c) >= kSliver) continue;
@@ -112,14 +114,16 @@ std::uint64_t Seam::collapse_needles() {
   return collapses;
 }
 
-void Seam::improve(SewMeshesReport& report) {
+SeamShape::Changes SeamShape::improve(std::uint32_t first) {
+  Changes all;
   for (int pass = 0; pass < kPasses; ++pass) {
     context_.throw_if_cancelled();
-    const std::uint64_t flips = flip_edges(), collapses = collapse_needles();
-    report.flips += flips;
-    report.collapses += collapses;
+    const std::uint64_t flips = flip_edges(first), collapses = collapse_needles(first);
+    all.flips += flips;
+    all.collapses += collapses;
     if (flips + collapses == 0) break;
   }
+  return all;
 }
 
 }  // namespace lapseam

@@ -70,6 +70,18 @@ class Tracer {
 
 }  // namespace
 
+std::vector<std::array<std::uint32_t, 2>> open_edges(const LiveMesh& mesh) {
+  std::vector<std::array<std::uint32_t, 2>> edges;
+  for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t) {
+    if (!mesh.is_alive(t)) continue;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t a = mesh.triangle(t)[k], b = mesh.triangle(t)[(k + 1) % 3];
+      if (mesh.find(b, a) == kInvalidIndex) edges.push_back({a, b});
+    }
+  }
+  return edges;
+}
+
 std::vector<Loop> trace_loops(const LiveMesh& mesh, std::span<const std::array<std::uint32_t, 2>> edges) {
   std::vector<Loop> loops;
   Tracer tracer(mesh);

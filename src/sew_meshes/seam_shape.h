@@ -1,0 +1,39 @@
+#pragma once
+
+// Better triangles in a seam, without new vertices: edges are turned, and short ones are taken out.
+
+#include <cstdint>
+#include <vector>
+
+#include "sew_meshes/triangle_check.h"
+
+namespace lapseam {
+
+class Context;
+
+class SeamShape {
+ public:
+  struct Changes {
+    std::uint64_t flips = 0, collapses = 0;
+  };
+
+  SeamShape(LiveMesh& mesh, TriangleCheck& check, Context& context) : mesh_(mesh), check_(check), context_(context) {}
+
+  /// Seam triangles from `first` on, and measured ones beside them where a sliver goes by it. What is made is valid by
+  /// the check.
+  Changes improve(std::uint32_t first);
+
+ private:
+  double sine_of(const Triangle& t) const;
+  bool replace(const std::vector<std::uint32_t>& old, const std::vector<Triangle>& wanted, const TriangleRule& rule);
+  bool flip(std::uint32_t a, std::uint32_t b);
+  bool collapse(std::uint32_t from, std::uint32_t to);
+  std::uint64_t flip_edges(std::uint32_t first);
+  std::uint64_t collapse_needles(std::uint32_t first);
+
+  LiveMesh& mesh_;
+  TriangleCheck& check_;
+  Context& context_;
+};
+
+}  // namespace lapseam
