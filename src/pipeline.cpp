@@ -12,12 +12,11 @@
 #include "lapseam/io.h"
 #include "lapseam/survey.h"
 #include "lapseam/triangulate.h"
+#include "load_views.h"
 
 namespace lapseam {
 namespace {
 
-// Views of one sensor that its noise is estimated from, spread over the scene.
-constexpr std::size_t kNoiseViews = 8;
 // Triangles that cut through others are taken out and their places closed anew this many times; what still cuts then is
 // left out.
 constexpr int kMendings = 2;
@@ -28,8 +27,8 @@ class Integration {
       : scene_(scene), options_(options), context_(context) {}
 
   IntegrateResult run() {
-    load_views();
-    estimate_sensors();
+    load();
+    measure_disagreement();
     prepare_patches();
     zip();
     clean();
@@ -44,67 +43,48 @@ class Integration {
   }
 
  private:
-  bool is_held_out(std::size_t i) const { return options_.hold_out > 0 && i % std::size_t(options_.hold_out) == 0; }
-
-  void load_views() {
-    StageScope stage(context_, "load", scene_.views.size());
-    std::vector<std::optional<View>> loaded(scene_.views.size());
-    std::vector<std::string> problems(scene_.views.size());
-    parallel_for(context_, scene_.views.size(), 1, [&](std::size_t i) {
-      if (is_held_out(i)) return;
-      try {
-        loaded[i] = load_view(scene_.views[i]);
-      } catch (const Cancelled&) {
-        throw;
-      } catch (const Error& error) {
-        problems[i] = error.what();
-      }
-      stage.advance();
-    });
-    for (std::size_t i = 0; i < loaded.size(); ++i) {
-      if (!problems[i].empty()) {
-        if (!options_.skip_bad_views) throw Error(problems[i]);
-        context_.warn("view left out: " + problems[i]);
-      }
-      if (!loaded[i]) {
-        result_.report.views_left_out.push_back(scene_.views[i].name);
-        continue;
-      }
-      source_index_.push_back(std::uint32_t(i));
-      views_.push_back(std::move(*loaded[i]));
+  void load() {
+    LoadedViews loaded =
+        load_views(scene_, {.hold_out = options_.hold_out, .skip_bad_views = options_.skip_bad_views}, context_);
+    ViewNoise noise;
+    {
+      StageScope stage(context_, "noise");
+      noise = estimate_view_noise(scene_, loaded, context_);
     }
-    if (views_.empty()) throw InvalidInput(scene_.file, {}, "views", "no view can be used");
+    noise_ = noise.of_view;
+    if (options_.registration) place(loaded);
+    views_ = std::move(loaded.views);
+    source_index_ = std::move(loaded.source_index);
+    result_.report.views_left_out = std::move(loaded.left_out);
+    for (const auto& [id, sensor] : noise.sensors) {
+      result_.report.sensors[id].noise = sensor.noise;
+      result_.report.sensors[id].is_noise_given = sensor.is_given;
+      report_thresholds(sensor.members, result_.report.sensors[id]);
+    }
   }
 
-  const ViewSource& source_of(std::size_t i) const { return scene_.views[source_index_[i]]; }
-
-  void estimate_sensors() {
-    StageScope stage(context_, "noise");
-    std::map<std::string, std::vector<std::size_t>> views_of_sensor;
-    for (std::size_t i = 0; i < views_.size(); ++i) views_of_sensor[views_[i].sensor_id].push_back(i);
-    noise_.resize(views_.size());
-    for (const auto& [id, members] : views_of_sensor) {
-      SensorReport& sensor = result_.report.sensors[id];
-      const auto given =
-          std::find_if(members.begin(), members.end(), [&](std::size_t i) { return source_of(i).noise; });
-      if (given != members.end()) {
-        sensor.noise = *source_of(*given).noise;
-        sensor.is_noise_given = true;
-      } else {
-        std::vector<const View*> sample;
-        const std::size_t count = std::min(kNoiseViews, members.size());
-        for (std::size_t k = 0; k < count; ++k) sample.push_back(&views_[members[k * members.size() / count]]);
-        sensor.noise = estimate_noise(sample, context_);
-      }
-      for (const std::size_t i : members) noise_[i] = source_of(i).noise ? *source_of(i).noise : sensor.noise;
-      report_thresholds(members, sensor);
+  // Textures are projected from the scene's poses, so those move too.
+  void place(LoadedViews& loaded) {
+    RegisterOptions registration = *options_.registration;
+    registration.fixed = places_of(registration.fixed, loaded, scene_);
+    RegisterResult placed = register_views(loaded.views, noise_, pictures_of(scene_, loaded), registration, context_);
+    for (std::size_t i = 0; i < loaded.views.size(); ++i) {
+      ViewSource& source = scene_.views[loaded.source_index[i]];
+      loaded.views[i].T_world_view = source.T_world_view = placed.views[i].T_world_view;
+      if (!placed.views[i].problem.empty())
+        context_.warn("view " + source.name + " was left where it was: " + placed.views[i].problem);
     }
-    if (options_.overlap.registration_error_m > 0)
-      result_.report.registration_error_m = options_.overlap.registration_error_m;
-    else
-      result_.report.registration_error_m = estimate_registration_error(views_, noise_, context_).median_m;
+    result_.report.placed_views = std::move(placed.views);
+    result_.report.registration = std::move(placed.report);
+  }
+
+  void measure_disagreement() {
+    StageScope stage(context_, "disagreement");
+    result_.report.disagreement = survey_disagreement(views_, noise_, context_);
     overlap_ = options_.overlap;
-    overlap_.registration_error_m = result_.report.registration_error_m;
+    if (!(overlap_.registration_error_m > 0))
+      overlap_.registration_error_m = result_.report.disagreement.error.median_m;
+    result_.report.registration_error_m = overlap_.registration_error_m;
   }
 
   void report_thresholds(const std::vector<std::size_t>& members, SensorReport& sensor) const {
@@ -247,7 +227,7 @@ class Integration {
     drop_texture(mesh);
   }
 
-  const Scene& scene_;
+  Scene scene_;  // as given, or with the poses that registration found
   const IntegrateOptions& options_;
   Context& context_;
   IntegrateResult result_;

@@ -3,6 +3,7 @@
 #include "core/memory.h"
 #include "lapseam/context.h"
 #include "lapseam/integrate.h"
+#include "lapseam/register_scene.h"
 #include "lapseam/version.h"
 
 namespace lapseam {
@@ -72,6 +73,11 @@ std::string to_json(const IntegrateReport& report, const Context& context) {
   json["peak_rss_bytes"] = peak_rss_bytes();
   for (const auto& [id, sensor] : report.sensors) json["sensors"][id] = of_sensor(sensor);
   json["registration_error_m"] = report.registration_error_m;
+  std::vector<std::string> names;
+  for (const ViewReport& view : report.views) names.push_back(view.name);
+  json["disagreement"] = Json::parse(to_json(report.disagreement, names));
+  if (!report.placed_views.empty())
+    json["registration"] = Json::parse(to_json(report.registration, report.placed_views, names));
   json["views_left_out"] = report.views_left_out;
   for (const ViewReport& view : report.views) json["views"].push_back(of_view(view));
   json["sew"] = {{"measured_triangles", report.zipper.measured_triangles},

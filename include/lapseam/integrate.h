@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,8 +14,10 @@
 #include "lapseam/mesh.h"
 #include "lapseam/overlap.h"
 #include "lapseam/reduce.h"
+#include "lapseam/register.h"
 #include "lapseam/sew.h"
 #include "lapseam/smooth.h"
+#include "lapseam/survey.h"
 #include "lapseam/texture.h"
 #include "lapseam/view.h"
 
@@ -29,6 +32,8 @@ enum class ColorOutput {
 };
 
 struct IntegrateOptions {
+  /// Poses are refined first; its fixed views count as the scene does. Nothing: they are taken as given.
+  std::optional<RegisterOptions> registration{};
   SmoothOptions smooth{};
   OverlapOptions overlap{};  ///< its registration error is estimated when left at 0
   /// Holes that nobody measured are closed up to this size; by default they stay open.
@@ -72,6 +77,9 @@ struct IntegrateReport {
   std::vector<ViewReport> views;
   std::map<std::string, SensorReport> sensors;  ///< by sensor id
   double registration_error_m = 0;
+  Disagreement disagreement;             ///< of the views as integrated; pairs count `views`
+  std::vector<PlacedView> placed_views;  ///< as `views`; empty: poses were taken as given
+  RegisterReport registration;
   ZipperReport zipper;
   std::uint64_t self_intersecting_triangles_removed = 0;  ///< over all rounds of mending
   CloseCracksReport cracks;

@@ -134,6 +134,12 @@ int handedness(const Sensor& sensor);
 /// Distance in metres between neighbouring samples of a surface that faces the sensor at range r, at (u, v):
 /// the geometric mean of the column and row directions.
 double sample_spacing(const Sensor& sensor, double u, double v, double r);
+/// The same in the middle of the image, as a line over range: offset + slope · r.
+struct SpacingLine {
+  double offset_m = 0, slope = 0;
+  double at(double r) const { return offset_m + slope * r; }
+};
+SpacingLine spacing_line(const Sensor& sensor);
 
 // ---- the models that loops over pixels call most, for the compiler to see through
 

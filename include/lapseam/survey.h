@@ -59,6 +59,12 @@ struct RegistrationError {
   std::uint64_t pairs = 0;         ///< that overlap enough to tell
 };
 
+/// Which pairs of views disagree, and by how much all together: a badly placed station shows at once.
+struct Disagreement {
+  std::vector<PairSurvey> pairs;  ///< those with any overlap, by a, then b
+  RegistrationError error;
+};
+
 struct Survey {
   std::vector<ViewSurvey> views;      ///< as in the scene
   std::vector<SensorSurvey> sensors;  ///< by id, of usable views
@@ -72,6 +78,10 @@ struct Survey {
 Survey survey(const Scene& scene, const SurveyOptions& options, Context& context);
 
 /// views and their noise, one each. Deterministic; 60 µs per ordered pair of views that overlap.
+Disagreement survey_disagreement(std::span<const View> views, std::span<const NoiseModel> noise, Context& context);
+/// As JSON text, with the views' names.
+std::string to_json(const Disagreement& disagreement, const std::vector<std::string>& names);
+/// Of that, the error alone.
 RegistrationError estimate_registration_error(std::span<const View> views, std::span<const NoiseModel> noise,
                                               Context& context);
 

@@ -45,6 +45,10 @@ struct ColorSource {
   std::uint64_t offset = 0;  ///< as in RangeSource
 };
 
+/// How uncertain a pose is: dx, dy, dz in metres, then rx, ry, rz in radians, all along the world's axes. The true pose
+/// is the given one turned by r about the view's own origin and shifted by d.
+using PoseCovariance = Eigen::Matrix<double, 6, 6>;
+
 /// One view as a scene lists it: nothing loaded yet.
 struct ViewSource {
   std::string name;
@@ -53,6 +57,7 @@ struct ViewSource {
   /// Views with the same sensor id share one noise model.
   std::string sensor_id;
   Eigen::Isometry3d T_world_view = Eigen::Isometry3d::Identity();
+  std::optional<PoseCovariance> pose_covariance;  ///< as registration left it
   RangeSource range;
   std::optional<ColorSource> color;
   std::optional<NoiseModel> noise;

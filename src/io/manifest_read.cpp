@@ -129,6 +129,26 @@ SensorEntry read_sensor(const json& value, const Source& source, const std::stri
   return entry;
 }
 
+/// Six rows of six numbers, symmetric, no negative variance; lengths in the manifest's unit.
+PoseCovariance read_covariance(const json& value, const Source& source, double unit_m) {
+  const char* const field = "pose_covariance";
+  PoseCovariance out;
+  if (!value.is_array() || value.size() != 6) source.refuse(field, "expected six rows of six numbers");
+  for (std::size_t row = 0; row < 6; ++row) {
+    if (!value[row].is_array() || value[row].size() != 6) source.refuse(field, "expected six rows of six numbers");
+    for (std::size_t column = 0; column < 6; ++column) {
+      const json& number = value[row][column];
+      if (!number.is_number() || !std::isfinite(number.get<double>()))
+        source.refuse(field, "expected six rows of six numbers");
+      out(Eigen::Index(row), Eigen::Index(column)) =
+          number.get<double>() * (row < 3 ? unit_m : 1) * (column < 3 ? unit_m : 1);
+    }
+  }
+  if (!(out - out.transpose()).isZero(1e-6 * out.cwiseAbs().maxCoeff())) source.refuse(field, "is not symmetric");
+  if (out.diagonal().minCoeff() < 0) source.refuse(field, "has a negative variance");
+  return out;
+}
+
 /// What all views need of the manifest around them.
 struct Manifest {
   std::filesystem::path file;
@@ -204,7 +224,8 @@ ViewDraft read_view(const Manifest& manifest, const json& value, std::size_t ind
       !value["name"].get<std::string>().empty())
     name = value["name"].get<std::string>();
   const Source source{manifest.file, name};
-  const JsonObject object(value, source, "", {"name", "sensor", "T_world_view", "range", "color", "noise"});
+  const JsonObject object(value, source, "",
+                          {"name", "sensor", "T_world_view", "pose_covariance", "range", "color", "noise"});
 
   ViewDraft draft;
   ViewSource& view = draft.view;
@@ -218,6 +239,8 @@ ViewDraft read_view(const Manifest& manifest, const json& value, std::size_t ind
   if (object.has("noise")) view.noise = read_noise(object.at("noise"), source, "noise");
   draft.has_pose = object.has("T_world_view");
   if (draft.has_pose) view.T_world_view = object.pose("T_world_view", manifest.unit_m);
+  if (object.has("pose_covariance"))
+    view.pose_covariance = read_covariance(object.at("pose_covariance"), source, manifest.unit_m);
   read_range(manifest, object.at("range"), source, draft);
   if (object.has("color")) view.color = read_color(manifest, object.at("color"), source, view);
   return draft;

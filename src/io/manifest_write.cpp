@@ -56,6 +56,16 @@ Json to_json(const Eigen::Isometry3d& pose) {
   return rows;
 }
 
+Json to_json(const PoseCovariance& covariance) {
+  Json rows = Json::array();
+  for (int row = 0; row < 6; ++row) {
+    Json numbers = Json::array();
+    for (int column = 0; column < 6; ++column) numbers.push_back(covariance(row, column));
+    rows.push_back(std::move(numbers));
+  }
+  return rows;
+}
+
 Json to_json(const NoiseModel& noise) {
   return {{"s0_m", noise.s0_m}, {"s1", noise.s1}, {"s2_per_m", noise.s2_per_m}, {"floor_m", noise.floor_m}};
 }
@@ -182,6 +192,7 @@ class Writer {
     object["name"] = view.name;
     object["sensor"] = sensors_.id_of(view.sensor_id, is_in_file(view) ? std::nullopt : view.sensor);
     object["T_world_view"] = to_json(view.T_world_view);
+    if (view.pose_covariance) object["pose_covariance"] = to_json(*view.pose_covariance);
     object["range"] = to_range(view);
     // Colours in a measured grid's own file are found there again, and their camera is nowhere else.
     const bool is_color_in_file = view.color && is_in_file(view) && view.color->file == view.range.file;

@@ -93,4 +93,10 @@ double sample_spacing(const Sensor& sensor, double u, double v, double r) {
   return std::sqrt(du * dv);
 }
 
+SpacingLine spacing_line(const Sensor& sensor) {
+  const double u = 0.5 * (width(sensor) - 1), v = 0.5 * (height(sensor) - 1);
+  const double at_one = sample_spacing(sensor, u, v, 1.0), at_two = sample_spacing(sensor, u, v, 2.0);
+  return {2 * at_one - at_two, at_two - at_one};
+}
+
 }  // namespace lapseam

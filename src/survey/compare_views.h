@@ -10,7 +10,7 @@
 namespace lapseam {
 
 /// One sample of a on the smooth surface of b.
-struct Disagreement {
+struct SampleDisagreement {
   double along_ray_m;  ///< a's range in b's image less b's
   double cosine;       ///< between b's normal and ray
   double sigma_m;      ///< what noise makes of along_ray_m
@@ -19,7 +19,7 @@ struct Disagreement {
 struct ViewComparison {
   std::uint64_t in_frame = 0;    ///< of a's samples, those that fall on a pixel of b
   std::uint64_t on_surface = 0;  ///< of these, those near enough to what b measured
-  std::vector<Disagreement> disagreements;
+  std::vector<SampleDisagreement> disagreements;
 };
 
 ViewComparison compare_views(const ViewProbe& a, const View& b, const NoiseModel& noise_b, const ViewProbe& probe_b);

@@ -20,10 +20,10 @@ constexpr double kChance = 3 * 1.17;
 
 }  // namespace
 
-std::optional<double> unexplained_error(std::span<const Disagreement> disagreements) {
+std::optional<double> unexplained_error(std::span<const SampleDisagreement> disagreements) {
   if (disagreements.size() < kFewestSamples) return std::nullopt;
   std::vector<double> relative, sigma;
-  for (const Disagreement& d : disagreements) {
+  for (const SampleDisagreement& d : disagreements) {
     relative.push_back(std::abs(d.along_ray_m) / d.sigma_m);
     sigma.push_back(d.sigma_m * d.cosine);
   }
@@ -41,22 +41,53 @@ RegistrationError summarize_registration(std::vector<double> errors_m) {
   return out;
 }
 
+std::optional<PairSurvey> describe_pair(const ViewComparison& found, std::size_t samples_of_a) {
+  if (found.on_surface == 0) return std::nullopt;
+  PairSurvey pair;
+  pair.overlap = double(found.on_surface) / double(samples_of_a);
+  pair.compared = found.disagreements.size();
+  std::vector<double> along, absolute;
+  for (const SampleDisagreement& d : found.disagreements) {
+    along.push_back(d.along_ray_m);
+    absolute.push_back(std::abs(d.along_ray_m));
+  }
+  pair.median_m = quantile(along, 0.5);
+  pair.median_absolute_m = quantile(absolute, 0.5);
+  pair.p90_absolute_m = quantile(absolute, 0.9);
+  return pair;
+}
+
 RegistrationError estimate_registration_error(std::span<const View> views, std::span<const NoiseModel> noise,
                                               Context& context) {
+  return survey_disagreement(views, noise, context).error;
+}
+
+Disagreement survey_disagreement(std::span<const View> views, std::span<const NoiseModel> noise, Context& context) {
   if (views.size() != noise.size()) throw InvalidInput({}, {}, "noise", "not one model for each view");
   std::vector<ViewProbe> probes(views.size());
   parallel_for(context, views.size(), 1,
                [&](std::size_t i) { probes[i] = make_probe(views[i], noise[i], kProbeSamples); });
   const std::size_t n = views.size();
   std::vector<std::optional<double>> errors(n * n);
+  std::vector<std::optional<PairSurvey>> pairs(n * n);
   parallel_for(context, n * n, 16, [&](std::size_t k) {
     const std::size_t a = k / n, b = k % n;
-    if (a != b) errors[k] = unexplained_error(compare_views(probes[a], views[b], noise[b], probes[b]).disagreements);
+    if (a == b) return;
+    const ViewComparison found = compare_views(probes[a], views[b], noise[b], probes[b]);
+    errors[k] = unexplained_error(found.disagreements);
+    pairs[k] = describe_pair(found, probes[a].samples.size());
+    if (!pairs[k]) return;
+    pairs[k]->a = std::uint32_t(a);
+    pairs[k]->b = std::uint32_t(b);
   });
+  Disagreement out;
   std::vector<double> told;
-  for (const auto& error : errors)
-    if (error) told.push_back(*error);
-  return summarize_registration(std::move(told));
+  for (std::size_t k = 0; k < n * n; ++k) {
+    if (errors[k]) told.push_back(*errors[k]);
+    if (pairs[k]) out.pairs.push_back(*pairs[k]);
+  }
+  out.error = summarize_registration(std::move(told));
+  return out;
 }
 
 }  // namespace lapseam

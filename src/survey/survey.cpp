@@ -159,21 +159,11 @@ class Surveyor {
                std::vector<PairSurvey>& pairs, std::vector<double>& errors) const {
     if (probes[a].samples.empty()) return;
     const ViewComparison found = compare_views(probes[a], view_b, noise_[b], probes[b]);
-    if (found.on_surface == 0) return;
-    PairSurvey pair;
-    pair.a = std::uint32_t(a);
-    pair.b = std::uint32_t(b);
-    pair.overlap = double(found.on_surface) / double(probes[a].samples.size());
-    pair.compared = found.disagreements.size();
-    std::vector<double> along, absolute;
-    for (const Disagreement& d : found.disagreements) {
-      along.push_back(d.along_ray_m);
-      absolute.push_back(std::abs(d.along_ray_m));
-    }
-    pair.median_m = quantile(along, 0.5);
-    pair.median_absolute_m = quantile(absolute, 0.5);
-    pair.p90_absolute_m = quantile(absolute, 0.9);
-    pairs.push_back(pair);
+    auto pair = describe_pair(found, probes[a].samples.size());
+    if (!pair) return;
+    pair->a = std::uint32_t(a);
+    pair->b = std::uint32_t(b);
+    pairs.push_back(*pair);
     if (const auto error = unexplained_error(found.disagreements)) errors.push_back(*error);
   }
 

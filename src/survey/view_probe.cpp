@@ -17,12 +17,6 @@ constexpr std::size_t kBoxStride = 7;
 
 }  // namespace
 
-SpacingLine spacing_line(const Sensor& sensor) {
-  const double u = 0.5 * (width(sensor) - 1), v = 0.5 * (height(sensor) - 1);
-  const double at_one = sample_spacing(sensor, u, v, 1.0), at_two = sample_spacing(sensor, u, v, 2.0);
-  return {2 * at_one - at_two, at_two - at_one};
-}
-
 Eigen::Vector3d normal_at(const View& view, const NoiseModel& noise, const SpacingLine& spacing, int u, int v) {
   const RangeImage& range = view.range;
   const Eigen::Vector3d none = Eigen::Vector3d::Zero();

@@ -27,13 +27,6 @@ struct ViewProbe {
 /// Takes `count` valid samples evenly over the image.
 ViewProbe make_probe(const View& view, const NoiseModel& noise, int count);
 
-/// Distance between neighbouring samples of a facing surface at range r is offset + slope · r, all over the image.
-struct SpacingLine {
-  double offset_m = 0, slope = 0;
-  double at(double r) const { return offset_m + slope * r; }
-};
-SpacingLine spacing_line(const Sensor& sensor);
-
 /// Sensor-frame normal at a pixel, unit, towards the sensor, over two samples each way; zero where a neighbour is
 /// missing or belongs to another surface.
 Eigen::Vector3d normal_at(const View& view, const NoiseModel& noise, const SpacingLine& spacing, int u, int v);

@@ -20,8 +20,8 @@ import zlib
 from pathlib import Path
 
 TOOL = os.environ.get("LAPSEAM_TOOL", "build/release/lapseam")
-COMMANDS = ["simulate", "manifest", "convert", "info", "smooth", "integrate", "texture", "sew", "reduce", "tiles", "render",
-            "evaluate"]
+COMMANDS = ["simulate", "manifest", "convert", "info", "smooth", "register", "integrate", "texture", "sew", "reduce", "tiles",
+            "render", "evaluate", "compare-poses"]
 
 
 def run(*arguments, environment=None, **options):
@@ -654,6 +654,8 @@ class Formats(ToolTest):
         self.assertIn("out.e57", result.stderr)
         self.assertEqual(output.read_bytes(), before)
         self.assertEqual(list(self.folder.glob(".out.e57*")), [])
+
+
 def read_exr_plane(path):
     """Width, height, and the float samples of a single-channel, ZIP-compressed scan-line EXR; no more than our tests
     need, and not by our own reader."""
@@ -785,6 +787,57 @@ class Smooth(ToolTest):
         self.expect_usage_error("smooth")
         self.expect_usage_error("smooth", "a.json", names=["--output"])
         self.expect_failure(1, "smooth", self.folder / "none.json", "-o", self.folder / "out", names=["none.json"])
+
+
+class Register(ToolTest):
+    def test_heals_a_perturbed_room(self):
+        room = self.folder / "room"
+        self.expect_ok("simulate", "room", "-o", room, "--views", 3, "--size", "400x200", "--sensor", "laser", "--no-color")
+        scene, rough = room / "scene.json", self.folder / "rough.json"
+        self.expect_ok("manifest", scene, "-o", rough, "--perturb", "20,1", "--seed", 2)
+        placed = self.folder / "placed"
+        result = self.expect_ok("register", rough, "-o", placed, "--truth", scene)
+        before, after = (float(re.search(f"pose error {when}: median ([0-9.]+) mm", result.stdout).group(1))
+                         for when in ("before", "after"))
+        self.assertAlmostEqual(before, 20, delta=12)
+        self.assertLess(after, before / 2)
+        report = json.loads((placed / "registration.json").read_text())
+        self.assertEqual(len(report["views"]), 3)
+        self.assertTrue(report["pairs"])
+        self.assertTrue(report["disagreement_before"]["pairs"])
+        self.assertIn("</svg>", (placed / "registration.svg").read_text())
+        covariance = json.loads((placed / "scene.json").read_text())["views"][1]["pose_covariance"]
+        self.assertEqual([len(row) for row in covariance], [6] * 6)
+        # What was written opens again, and says how far it is from the truth.
+        compared = json.loads(run("compare-poses", placed / "scene.json", scene, "--json").stdout)
+        self.assertAlmostEqual(1000 * compared["median_translation_m"], after, delta=0.001)
+
+    def test_same_bytes_for_any_number_of_threads(self):
+        scene = save(self.folder, write_wall_scene(self.folder))
+        written = []
+        for threads in (1, 2, 3, 8):
+            out = self.folder / f"out{threads}.json"
+            self.expect_ok("register", scene, "-o", out, "--threads", threads)
+            written.append(out.read_bytes())
+        self.assertEqual(len(set(written)), 1)
+
+    def test_integrate_registers_on_the_way(self):
+        room = self.folder / "room"
+        self.expect_ok("simulate", "room", "-o", room, "--views", 3, "--size", "400x200", "--sensor", "laser", "--no-color")
+        rough, report = self.folder / "rough.json", self.folder / "report.json"
+        self.expect_ok("manifest", room / "scene.json", "-o", rough, "--perturb", "20,1")
+        errors = []
+        for options in ([], ["--register"]):
+            self.expect_ok("integrate", rough, "-o", self.folder / "room.ply", "--report", report, *options)
+            found = json.loads(report.read_text())
+            self.assertEqual("registration" in found, bool(options))
+            self.assertTrue(found["disagreement"]["pairs"])
+            errors.append(found["registration_error_m"])
+        self.assertLess(errors[1], errors[0] / 3)
+
+    def test_unknown_fixed_view_is_a_usage_error(self):
+        scene = save(self.folder, write_wall_scene(self.folder))
+        self.expect_usage_error("register", scene, "-o", self.folder / "out.json", "--fixed", "nobody", names=["nobody"])
 
 
 class Instruments(ToolTest):
@@ -954,7 +1007,7 @@ class Progress(ToolTest):
 
 if __name__ == "__main__":
     if "--list" in sys.argv:
-        for case in (Usage, Integrate, BadInput, Sew, Formats, NoisePlot, Smooth, Instruments, Progress):
+        for case in (Usage, Integrate, BadInput, Sew, Formats, NoisePlot, Smooth, Register, Instruments, Progress):
             for test in unittest.defaultTestLoader.getTestCaseNames(case):
                 print(f"{case.__name__}.{test}")
     else:

@@ -24,6 +24,7 @@ std::unique_ptr<Context> make_context(const CommonOptions& options);
 
 // Each adds its subcommand; the subcommand's callback does the work and throws lapseam::Error on failure (exit code 1).
 // A wrong value found after parsing is CLI::ValidationError (exit code 2).
+void add_register_command(CLI::App& app);
 void add_integrate_command(CLI::App& app);
 void add_info_command(CLI::App& app);
 void add_simulate_command(CLI::App& app);
@@ -36,5 +37,6 @@ void add_render_command(CLI::App& app);
 void add_manifest_command(CLI::App& app);
 void add_convert_command(CLI::App& app);
 void add_tiles_command(CLI::App& app);
+void add_compare_poses_command(CLI::App& app);
 
 }  // namespace lapseam::tool

@@ -16,7 +16,7 @@ struct IntegrateArguments {
   CommonOptions common;
   TextureArguments texture;
   std::string scene, output, report;
-  bool no_texture = false, skip_bad_views = false;
+  bool no_texture = false, skip_bad_views = false, registers = false;
   int hold_out = 0;
   double fill_holes_m = 0, max_error_mm = 0;
   std::uint64_t triangles = 0;
@@ -45,6 +45,7 @@ void run(const IntegrateArguments& arguments) {
 
   IntegrateOptions options;
   options.hold_out = arguments.hold_out;
+  if (arguments.registers) options.registration.emplace();
   options.skip_bad_views = arguments.skip_bad_views;
   options.fill_holes.largest_m = arguments.fill_holes_m;
   options.reduce.max_error_m = arguments.max_error_mm / 1000;
@@ -79,6 +80,7 @@ void add_integrate_command(CLI::App& app) {
                    "Result: .ply (vertex colours), .glb or .obj (texture), .stl (triangles alone)")
       ->required();
   command->add_option("--report", arguments->report, "Write a report of stages, thresholds and mesh health, as JSON");
+  command->add_flag("--register", arguments->registers, "Refine the poses first, all at once");
   command->add_flag("--no-texture", arguments->no_texture, "Geometry only");
   command->add_option("--hold-out", arguments->hold_out, "Leave out every Nth view, from the first, for measuring")
       ->check(CLI::Range(2, 1'000'000));

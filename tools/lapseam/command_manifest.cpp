@@ -5,11 +5,13 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <numbers>
 #include <optional>
 #include <vector>
 
 #include "command.h"
 #include "lapseam/io.h"
+#include "pose_lists.h"
 
 namespace lapseam::tool {
 namespace {
@@ -20,6 +22,9 @@ struct ManifestArguments {
   std::vector<double> color_intrinsics, color_offset_m, color_distortion;
   std::string color_size;
   std::optional<double> range_scale_m;
+  std::vector<double> perturb_mm_deg;
+  std::uint64_t seed = 1;
+  std::string align_to;
   bool skip_bad_views = false;
 };
 
@@ -40,7 +45,8 @@ void check(const ManifestArguments& arguments) {
   const bool has_intrinsics = !arguments.color_intrinsics.empty();
   if (has_intrinsics && !(arguments.color_intrinsics[0] > 0 && arguments.color_intrinsics[1] > 0))
     throw CLI::ValidationError("--color-intrinsics", "focal lengths must be greater than 0");
-  for (const auto* numbers : {&arguments.color_intrinsics, &arguments.color_offset_m, &arguments.color_distortion})
+  for (const auto* numbers :
+       {&arguments.color_intrinsics, &arguments.color_offset_m, &arguments.color_distortion, &arguments.perturb_mm_deg})
     for (const double number : *numbers)
       if (!std::isfinite(number)) throw CLI::ValidationError("numbers must be finite");
   if (!has_intrinsics && (!arguments.color_size.empty() || !arguments.color_distortion.empty()))
@@ -77,6 +83,21 @@ void correct_color(const ManifestArguments& arguments, ColorSource& color) {
     color.T_view_color.translation() = Eigen::Vector3d(arguments.color_offset_m.data());
 }
 
+void perturb(const ManifestArguments& arguments, Scene& scene) {
+  std::vector<Eigen::Isometry3d> poses;
+  for (const ViewSource& view : scene.views) poses.push_back(view.T_world_view);
+  poses = perturb_poses(poses, {.translation_m = arguments.perturb_mm_deg[0] / 1000,
+                                .rotation_rad = arguments.perturb_mm_deg[1] * std::numbers::pi / 180,
+                                .seed = arguments.seed});
+  for (std::size_t i = 0; i < poses.size(); ++i) scene.views[i].T_world_view = poses[i];
+}
+
+void align(const Scene& truth, Scene& scene) {
+  const PosePairs pairs = match_poses(scene, truth);
+  const Eigen::Isometry3d T = align_poses(pairs.poses, pairs.truth);
+  for (ViewSource& view : scene.views) view.T_world_view = T * view.T_world_view;
+}
+
 void run(const ManifestArguments& arguments) {
   check(arguments);
   const std::unique_ptr<Context> context = make_context(arguments.common);
@@ -91,6 +112,8 @@ void run(const ManifestArguments& arguments) {
   const bool is_color_asked = !arguments.color_intrinsics.empty() || !arguments.color_offset_m.empty();
   if (is_color_asked && with_color == 0)
     throw CLI::ValidationError("--color-...", "no view of " + arguments.scene + " has a colour image");
+  if (!arguments.perturb_mm_deg.empty()) perturb(arguments, scene);
+  if (!arguments.align_to.empty()) align(read_scene(arguments.align_to, {}, *context), scene);
   write_scene(scene, arguments.output);
   fmt::print("{}: {} views, {} with colour\n", arguments.output, scene.views.size(), with_color);
 }
@@ -118,6 +141,16 @@ void add_manifest_command(CLI::App& app) {
                       "WIDTHxHEIGHT that --color-intrinsics refer to; they are scaled to the size of the images");
   command->add_option("--range-scale", arguments->range_scale_m, "Metres per stored unit of the range images")
       ->check(CLI::PositiveNumber);
+  command
+      ->add_option(
+          "--perturb", arguments->perturb_mm_deg,
+          "MM,DEG: put every pose but the first off by that much, in random directions, to try registration on")
+      ->delimiter(',')
+      ->expected(2)
+      ->check(CLI::NonNegativeNumber);
+  command->add_option("--seed", arguments->seed, "Other random directions for --perturb")->capture_default_str();
+  command->add_option("--align-to", arguments->align_to,
+                      "Move all poses by the one rigid motion that brings them nearest to those of this scene");
   command->add_flag("--skip-bad-views", arguments->skip_bad_views, "Leave out unusable views with a warning");
   command->footer(
       "Example: the red kitchen of 7-Scenes, whose colour camera is not its depth camera:\n"

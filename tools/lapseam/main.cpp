@@ -28,6 +28,7 @@ Examples, in the order of the work:
   lapseam manifest frames/ -o scene.json               writes any readable scene as a manifest, to be edited
   lapseam info room/scene.json                         what is there, and is it usable?
   lapseam smooth room/scene.json -o smoothed           its range images, smoothed within their noise
+  lapseam register room/scene.json -o placed           all poses refined at once, as a new scene
   lapseam integrate room/scene.json -o room.glb        all views into one mesh (.ply, .glb or .obj)
   lapseam texture room.ply room/scene.json -o room.glb colour alone, for a mesh that integrate has made
   lapseam sew a.ply b.ply c.ply -o joined.ply          overlapping meshes into one, without range images
@@ -140,6 +141,7 @@ int run(int argc, char** argv) {
   add_convert_command(app);
   add_info_command(app);
   add_smooth_command(app);
+  add_register_command(app);
   add_integrate_command(app);
   add_texture_command(app);
   add_sew_command(app);
@@ -147,6 +149,7 @@ int run(int argc, char** argv) {
   add_tiles_command(app);
   add_render_command(app);
   add_evaluate_command(app);
+  add_compare_poses_command(app);
   app.footer(kFooter);  // last, since commands inherit it
 
   try {

@@ -1,0 +1,46 @@
+#pragma once
+
+// Registration from a scene to a scene, and what to tell of it.
+
+#include <string>
+#include <vector>
+
+#include "lapseam/register.h"
+#include "lapseam/survey.h"
+
+namespace lapseam {
+
+class Context;
+
+struct RegisterSceneOptions {
+  RegisterOptions registration{};  ///< its fixed views count as the scene does
+  /// Views that cannot be loaded keep their poses, with a warning, instead of failing.
+  bool skip_bad_views = false;
+};
+
+struct RegisterSceneReport {
+  std::vector<std::string> names;  ///< of the views that were registered; pairs count these
+  std::vector<std::string> views_left_out;
+  std::vector<PlacedView> views;
+  RegisterReport registration;
+  Disagreement disagreement_before, disagreement_after;
+};
+
+struct RegisterSceneResult {
+  Scene scene;  ///< with new poses, and covariances of those
+  RegisterSceneReport report;
+};
+
+/// Loads the views and their pictures, estimates the noise, registers. Same results for any number of threads. Throws
+/// InvalidInput, IoError, Cancelled.
+RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOptions& options, Context& context);
+
+/// The report with the context's stages and warnings, as JSON text.
+std::string to_json(const RegisterSceneReport& report, const Context& context);
+/// Capture range, placements and covariances, pairs, and what nothing determines, as JSON text.
+std::string to_json(const RegisterReport& report, const std::vector<PlacedView>& views,
+                    const std::vector<std::string>& names);
+/// Views × views, before and after: how far each pair disagrees; as SVG text.
+std::string to_svg(const RegisterSceneReport& report);
+
+}  // namespace lapseam

@@ -1,0 +1,70 @@
+#pragma once
+
+// Which surfels of two views show the same spot, and what follows from them for the poses.
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "register/surfels.h"
+#include "spatial/kd_tree.h"
+
+namespace lapseam {
+
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+/// One view at one level, at its present pose.
+struct Posed {
+  const SurfelImage* image = nullptr;
+  const Sensor* sensor = nullptr;
+  const KdTree* tree = nullptr;  ///< of the usable surfels, in their order; may be null: no search by distance
+  const Eigen::AlignedBox3d* box_in_view = nullptr;
+  Eigen::Isometry3d T_world_view = Eigen::Isometry3d::Identity();
+};
+
+/// A surfel of a on the surface of b. The residual is along the mean of both normals (Rusinkiewicz 2019), which is
+/// zero on any patch of a sphere or a cylinder and not only on planes.
+struct Match {
+  std::uint32_t a = 0, b = 0;  ///< indices of surfels
+  float residual_m = 0;        ///< positive: a's surface is before b's
+  float variance_m2 = 0;       ///< what noise makes of it
+  Eigen::Vector3f normal_in_b = Eigen::Vector3f::Zero();
+};
+
+/// Residuals of this many standard deviations count no more (Tukey's biweight at 95 % efficiency).
+inline constexpr double kTukey = 4.685;
+
+struct Gate {
+  double scale_m = 0;    ///< standard deviation of what noise does not explain
+  double capture_m = 0;  ///< and never farther than this
+  double at(double variance_m2) const;
+};
+
+/// Every stride-th usable surfel of a: first where it is projected to in b's image; where that gives nothing, the
+/// closest surfel of b, if there is a tree.
+std::vector<Match> find_matches(const Posed& a, const Posed& b, const Gate& gate, std::size_t stride = 1);
+
+/// Normal equations of one pair for a small motion of a against b, about a centre in world coordinates: rotation, then
+/// translation, world axes. H x = −g is the step; x moves a, and −x moves b.
+struct PairSums {
+  Matrix6d H = Matrix6d::Zero();
+  Vector6d g = Vector6d::Zero();
+  /// What the errors of the normals make of a surface that tells nothing: information that is only feigned.
+  Matrix6d feigned = Matrix6d::Zero();
+  std::size_t matches = 0;
+};
+/// Adds the matches of a in b; sign −1 when the pair's first view is b.
+void add_geometry(const Posed& a, const Posed& b, const std::vector<Match>& matches, const Gate& gate,
+                  const Eigen::Vector3d& center, double sign, PairSums& sums);
+
+/// Adds what the colours tell: their differences, less the median one (exposure), along the surface. Weighted by their
+/// own spread, so that pictures that do not fit hardly count.
+void add_color(const Posed& a, const Posed& b, const std::vector<Match>& matches, const Gate& gate,
+               const Eigen::Vector3d& center, double sign, PairSums& sums);
+
+/// Standard deviation, as the middle residuals have it: 1.4826 times the median absolute value of the residuals; 0 for
+/// none.
+double robust_spread(const std::vector<Match>& matches);
+
+}  // namespace lapseam

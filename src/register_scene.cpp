@@ -1,0 +1,65 @@
+// From a scene to a scene whose poses agree: sees the stages that takes.
+
+#include "lapseam/register_scene.h"
+
+#include <algorithm>
+
+#include "lapseam/context.h"
+#include "lapseam/error.h"
+#include "lapseam/io.h"
+#include "load_views.h"
+
+namespace lapseam {
+std::vector<std::uint32_t> places_of(const std::vector<std::uint32_t>& fixed, const LoadedViews& loaded,
+                                     const Scene& scene) {
+  std::vector<std::uint32_t> out;
+  for (const std::uint32_t view : fixed) {
+    const auto found = std::find(loaded.source_index.begin(), loaded.source_index.end(), view);
+    if (found == loaded.source_index.end())
+      throw InvalidInput(scene.file, view < scene.views.size() ? scene.views[view].name : std::string(), "fixed",
+                         "is no view that can be used");
+    out.push_back(std::uint32_t(found - loaded.source_index.begin()));
+  }
+  return out;
+}
+
+PictureOf pictures_of(const Scene& scene, const LoadedViews& loaded) {
+  return [&scene, &loaded](std::size_t i) -> std::optional<ViewPicture> {
+    const ViewSource& source = scene.views[loaded.source_index[i]];
+    if (!source.color) return std::nullopt;
+    return ViewPicture{load_color(source), source.color->camera, source.color->T_view_color};
+  };
+}
+
+RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOptions& options, Context& context) {
+  LoadedViews loaded = load_views(scene, {.skip_bad_views = options.skip_bad_views}, context);
+  ViewNoise noise;
+  RegisterSceneResult out;
+  RegisterSceneReport& report = out.report;
+  {
+    StageScope stage(context, "noise");
+    noise = estimate_view_noise(scene, loaded, context);
+    report.disagreement_before = survey_disagreement(loaded.views, noise.of_view, context);
+  }
+  RegisterOptions registration = options.registration;
+  registration.fixed = places_of(options.registration.fixed, loaded, scene);
+  RegisterResult placed =
+      register_views(loaded.views, noise.of_view, pictures_of(scene, loaded), registration, context);
+  out.scene = scene;
+  for (std::size_t i = 0; i < loaded.views.size(); ++i) {
+    ViewSource& view = out.scene.views[loaded.source_index[i]];
+    report.names.push_back(view.name);
+    loaded.views[i].T_world_view = view.T_world_view = placed.views[i].T_world_view;
+    view.pose_covariance = placed.views[i].covariance;
+    if (!placed.views[i].problem.empty())
+      context.warn("view " + view.name + " was left where it was: " + placed.views[i].problem);
+  }
+  StageScope stage(context, "disagreement");
+  report.disagreement_after = survey_disagreement(loaded.views, noise.of_view, context);
+  report.views_left_out = std::move(loaded.left_out);
+  report.views = std::move(placed.views);
+  report.registration = std::move(placed.report);
+  return out;
+}
+
+}  // namespace lapseam

@@ -1,0 +1,219 @@
+#include "lapseam/register.h"
+
+#include <gtest/gtest.h>
+
+#include "lapseam/context.h"
+#include "lapseam/error.h"
+#include "lapseam/poses.h"
+#include "support/analytic_views.h"
+
+namespace lapseam {
+namespace {
+
+constexpr double kSigma_m = 0.002;
+constexpr double kDeg = 3.14159265358979 / 180;
+
+// A room with three balls in it, from places along a line; poses are true.
+std::vector<View> room_views(int count = 6) {
+  const auto shape = test::nearest({test::box_room({-2, -2, -1.2}, {2, 2, 1.4}), test::sphere({0.4, 1.2, -0.4}, 0.5),
+                                    test::sphere({-0.8, 1.4, 0.2}, 0.3), test::sphere({1.3, 0.8, 0.3}, 0.25)});
+  const Sensor sensor = PinholeSensor{240, 180, 200, 200, 119.5, 89.5, {}};
+  std::vector<View> views;
+  for (int i = 0; i < count; ++i) {
+    const Eigen::Isometry3d T = test::look_at({-1.2 + 0.4 * i, -1.2, 0.1 * i - 0.3}, {0.3 - 0.1 * i, 1.8, 0});
+    views.push_back(test::make_view("v" + std::to_string(i), sensor, T, shape, kSigma_m, unsigned(i + 1)));
+  }
+  return views;
+}
+
+std::vector<Eigen::Isometry3d> poses_of(const std::vector<View>& views) {
+  std::vector<Eigen::Isometry3d> poses;
+  for (const View& view : views) poses.push_back(view.T_world_view);
+  return poses;
+}
+
+std::vector<View> perturbed(std::vector<View> views, double translation_m, double rotation_rad,
+                            std::uint64_t seed = 1) {
+  const auto moved = perturb_poses(poses_of(views), {translation_m, rotation_rad, seed});
+  for (std::size_t i = 0; i < views.size(); ++i) views[i].T_world_view = moved[i];
+  return views;
+}
+
+RegisterResult run(const std::vector<View>& views, const RegisterOptions& options = {}, int threads = 2) {
+  Context context(threads);
+  const std::vector<NoiseModel> noise(views.size(), NoiseModel{kSigma_m, 0, 0, 0});
+  return register_views(views, noise, {}, options, context);
+}
+
+PoseErrors errors_of(const RegisterResult& result, const std::vector<View>& truth) {
+  std::vector<Eigen::Isometry3d> poses;
+  for (const PlacedView& view : result.views) poses.push_back(view.T_world_view);
+  return compare_poses(poses, poses_of(truth));
+}
+
+TEST(Register, PutsPerturbedViewsBack) {
+  const std::vector<View> truth = room_views();
+  for (const auto& [shift, turn] : {std::pair(0.01, 0.5), std::pair(0.05, 2.0), std::pair(0.1, 5.0)}) {
+    const RegisterResult result = run(perturbed(truth, shift, turn * kDeg));
+    const PoseErrors errors = errors_of(result, truth);
+    // 2,700 surfels of σ/4 to σ/2 in each view: a tenth of σ and little more for the weakest direction.
+    EXPECT_LT(errors.max_translation_m, 0.5 * kSigma_m) << shift;
+    EXPECT_LT(errors.max_rotation_rad, 0.02 * kDeg) << shift;
+    for (std::size_t i = 1; i < truth.size(); ++i) EXPECT_EQ(result.views[i].placement, ViewPlacement::kPlaced);
+  }
+}
+
+TEST(Register, CovarianceIsOfTheSizeOfTheError) {
+  const std::vector<View> truth = room_views();
+  double sum = 0;
+  int count = 0;
+  for (const std::uint64_t seed : {1, 2, 3}) {
+    const RegisterResult result = run(perturbed(truth, 0.01, 0.5 * kDeg, seed));
+    for (std::size_t i = 1; i < truth.size(); ++i, ++count) {
+      const Eigen::Vector3d error = truth[i].T_world_view.translation() - result.views[i].T_world_view.translation();
+      const Eigen::Matrix3d covariance = result.views[i].covariance.topLeftCorner<3, 3>();
+      sum += error.dot(covariance.inverse() * error) / 3;
+    }
+  }
+  // 1 if the errors were what it says; matches share measurements, so that up to three times the σ is no surprise.
+  EXPECT_LT(sum / count, 9);
+  EXPECT_GT(sum / count, 0.1);
+  EXPECT_EQ(run(truth).views[0].covariance, PoseCovariance(PoseCovariance::Zero()));
+}
+
+TEST(Register, GivenViewsStay) {
+  const std::vector<View> truth = room_views();
+  std::vector<View> views = perturbed(truth, 0.02, 1 * kDeg);
+  views[0].T_world_view.pretranslate(Eigen::Vector3d(0.01, 0.01, -0.01));
+  for (const std::size_t i : {2, 4}) views[i].T_world_view = truth[i].T_world_view;
+  const RegisterResult result = run(views, {.fixed = {2, 4}});
+  for (const std::size_t i : {2, 4}) {
+    EXPECT_EQ(result.views[i].placement, ViewPlacement::kFixed);
+    EXPECT_EQ(result.views[i].T_world_view.matrix(), views[i].T_world_view.matrix());
+  }
+  EXPECT_LT(errors_of(result, truth).max_translation_m, 0.5 * kSigma_m);
+}
+
+TEST(Register, AViewThatMeetsNoOtherStays) {
+  std::vector<View> views = perturbed(room_views(4), 0.01, 0.5 * kDeg);
+  views.push_back(views[1]);
+  views.back().T_world_view.pretranslate(Eigen::Vector3d(100, 0, 0));
+  const RegisterResult result = run(views);
+  EXPECT_EQ(result.views[4].placement, ViewPlacement::kUnlinked);
+  EXPECT_EQ(result.views[4].T_world_view.matrix(), views[4].T_world_view.matrix());
+  EXPECT_FALSE(result.views[4].problem.empty());
+  EXPECT_EQ(result.report.parts, 1u);
+}
+
+TEST(Register, AViewFartherOffThanTheCaptureRangeIsNotMovedFarther) {
+  std::vector<View> views = perturbed(room_views(), 0.005, 0.2 * kDeg);
+  // Nothing that a range of 20 mm allows could bring it back.
+  views[3].T_world_view.pretranslate(Eigen::Vector3d(0.03, 0.3, 0.2));
+  const RegisterResult result = run(views, {.fixed = {}, .capture_m = 0.02});
+  EXPECT_LT(result.views[3].moved_m, 0.02);
+  EXPECT_LT(result.views[1].moved_m, 0.02);
+}
+
+// A wall by itself: sideways and about its normal nothing holds the views.
+std::vector<View> wall_views() {
+  const Sensor sensor = PinholeSensor{240, 180, 200, 200, 119.5, 89.5, {}};
+  std::vector<View> views;
+  for (int i = 0; i < 2; ++i)
+    views.push_back(test::make_view("w" + std::to_string(i), sensor, test::look_at({0.2 * i, 0, 0}, {0.2 * i, 2, 0}),
+                                    test::plane({0, 2, 0}, {0, 1, 0}), kSigma_m, unsigned(i + 7)));
+  return views;
+}
+
+TEST(Register, DoesNotSlideAlongAWall) {
+  std::vector<View> views = wall_views();
+  views[1].T_world_view.pretranslate(Eigen::Vector3d(0.012, 0.01, -0.009));
+  const RegisterResult result = run(views);
+  const Eigen::Vector3d motion = result.views[1].T_world_view.translation() - views[1].T_world_view.translation();
+  EXPECT_NEAR(motion.y(), -0.01, 0.2 * kSigma_m);  // back to the wall
+  EXPECT_LT(std::hypot(motion.x(), motion.z()), 0.5 * kSigma_m);
+  ASSERT_EQ(result.report.sliding.size(), 3u);  // two shifts and a turn
+  for (const Sliding& sliding : result.report.sliding) {
+    EXPECT_EQ(sliding.views, std::vector<std::uint32_t>{1});
+    EXPECT_LT(sliding.certainty, 2);
+    EXPECT_LT(std::abs(sliding.translation.y()), 0.1);
+  }
+  // What is not known, the covariance says: sideways as far as the capture range, across the wall not.
+  EXPECT_GT(result.views[1].covariance(0, 0), 100 * result.views[1].covariance(1, 1));
+}
+
+ColorImage paint(const View& view) {
+  ColorImage image(view.range.width, view.range.height);
+  for (int v = 0; v < image.height; ++v)
+    for (int u = 0; u < image.width; ++u) {
+      const Eigen::Vector3d p = view.T_world_view * unproject(view.sensor, u, v, double(view.range.at(u, v)));
+      const double x = std::sin(9 * p.x() + 2 * std::sin(5 * p.z())) + std::sin(7 * p.z() + 3 * p.x());
+      const auto c = std::uint8_t(std::clamp(128 + 50 * x, 0.0, 255.0));
+      image.at(u, v) = {c, c, c};
+    }
+  return image;
+}
+
+TEST(Register, APictureOnTheWallHoldsIt) {
+  const std::vector<View> truth = wall_views();
+  std::vector<View> views = truth;
+  views[1].T_world_view.pretranslate(Eigen::Vector3d(0.012, 0.01, -0.009));
+  Context context(2);
+  const std::vector<NoiseModel> noise(2, NoiseModel{kSigma_m, 0, 0, 0});
+  const PictureOf pictures = [&](std::size_t i) {
+    return ViewPicture{paint(truth[i]), truth[i].sensor, Eigen::Isometry3d::Identity()};
+  };
+  const RegisterResult result = register_views(views, noise, pictures, {}, context);
+  // A tenth of the distance between surfels, 40 mm.
+  EXPECT_LT(errors_of(result, truth).max_translation_m, 0.004);
+  EXPECT_TRUE(result.report.sliding.empty());
+  const RegisterResult without = register_views(views, noise, pictures, {.fixed = {}, .use_color = false}, context);
+  EXPECT_EQ(without.report.sliding.size(), 3u);
+}
+
+TEST(Register, ViewsInPlaceStay) {
+  const std::vector<View> truth = room_views();
+  EXPECT_LT(errors_of(run(truth), truth).max_translation_m, 0.5 * kSigma_m);
+}
+
+TEST(Register, SameForAnyNumberOfThreads) {
+  const std::vector<View> views = perturbed(room_views(), 0.02, 1 * kDeg);
+  const RegisterResult one = run(views, {}, 1);
+  allow_threads(8);
+  for (const int threads : {2, 3, 8}) {
+    const RegisterResult other = run(views, {}, threads);
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      EXPECT_EQ(one.views[i].T_world_view.matrix(), other.views[i].T_world_view.matrix()) << threads;
+      EXPECT_EQ(one.views[i].covariance, other.views[i].covariance) << threads;
+    }
+    for (std::size_t k = 0; k < one.report.pairs.size(); ++k)
+      EXPECT_EQ(one.report.pairs[k].tension, other.report.pairs[k].tension) << threads;
+  }
+}
+
+TEST(Register, RefusesWhatCannotBe) {
+  const std::vector<View> views = room_views(2);
+  Context context(1);
+  EXPECT_THROW(register_views(views, {}, {}, {}, context), InvalidInput);
+  EXPECT_THROW(run(views, {.fixed = {2}}), InvalidInput);
+  EXPECT_TRUE(register_views({}, {}, {}, {}, context).views.empty());
+}
+
+TEST(Register, ObjectsScannedInParallelRays) {
+  // Two half-covered sides of a ball with a nose, seen by parallel rays; 5 % of the size and 5 degrees off.
+  const auto shape = test::nearest({test::sphere({0, 0, 0}, 0.1), test::sphere({0.07, 0.05, 0.06}, 0.05),
+                                    test::sphere({-0.06, 0.03, 0.07}, 0.04), test::sphere({0.02, -0.08, 0.05}, 0.05)});
+  const Sensor sensor = OrthographicSensor{200, 200, 0.0015, 0.0015, 99.5, 99.5};
+  std::vector<View> truth;
+  for (int i = 0; i < 5; ++i)
+    truth.push_back(test::make_view("o" + std::to_string(i), sensor,
+                                    test::look_at({0.6 * std::sin(0.5 * i), 0.1, 0.6 * std::cos(0.5 * i)}, {0, 0, 0}),
+                                    shape, 0.0001, unsigned(i + 1)));
+  const std::vector<View> views = perturbed(truth, 0.005, 0.5 * kDeg);
+  Context context(2);
+  const std::vector<NoiseModel> noise(views.size(), NoiseModel{0.0001, 0, 0, 0});
+  const RegisterResult result = register_views(views, noise, {}, {}, context);
+  EXPECT_LT(errors_of(result, truth).max_translation_m, 0.0003);  // at 0.6 m from the object: a fiftieth of a degree
+}
+
+}  // namespace
+}  // namespace lapseam

@@ -1,0 +1,170 @@
+// lapseam register: refines the poses of a scene and writes it as a new manifest.
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <numbers>
+
+#include "command.h"
+#include "lapseam/error.h"
+#include "lapseam/io.h"
+#include "lapseam/register_scene.h"
+#include "pose_lists.h"
+
+namespace lapseam::tool {
+namespace {
+
+constexpr double kDegPerRad = 180.0 / std::numbers::pi;
+
+struct RegisterArguments {
+  CommonOptions common;
+  std::string scene, output, report, plot, truth;
+  std::vector<std::string> fixed;
+  bool no_color = false, skip_bad_views = false;
+  double capture_mm = 0;
+};
+
+struct Outputs {
+  std::filesystem::path manifest, report, plot;  // empty: not asked for
+};
+
+// A folder gets everything; a manifest's name gets the manifest, and the rest where it is asked for.
+Outputs outputs_of(const RegisterArguments& arguments) {
+  Outputs out{arguments.output, arguments.report, arguments.plot};
+  if (out.manifest.extension() == ".json") return out;
+  const std::filesystem::path folder = out.manifest;
+  std::error_code failure;
+  std::filesystem::create_directories(folder, failure);
+  if (failure) throw IoError(folder, "cannot make this folder: " + failure.message());
+  out.manifest = folder / "scene.json";
+  if (out.report.empty()) out.report = folder / "registration.json";
+  if (out.plot.empty()) out.plot = folder / "registration.svg";
+  return out;
+}
+
+void write_text(const std::filesystem::path& file, const std::string& text) {
+  if (file.empty()) return;
+  std::ofstream out(file, std::ios::binary);
+  out << text;
+  out.close();
+  if (!out) throw IoError(file, "cannot write");
+}
+
+std::vector<std::uint32_t> places_of(const std::vector<std::string>& names, const Scene& scene) {
+  std::vector<std::uint32_t> out;
+  for (const std::string& name : names) {
+    const auto found =
+        std::find_if(scene.views.begin(), scene.views.end(), [&](const ViewSource& view) { return view.name == name; });
+    if (found == scene.views.end()) throw CLI::ValidationError("--fixed", "there is no view '" + name + "'");
+    out.push_back(std::uint32_t(found - scene.views.begin()));
+  }
+  return out;
+}
+
+void print_errors(const char* when, const Scene& scene, const Scene& truth) {
+  PosePairs pairs = match_poses(scene, truth);
+  const Eigen::Isometry3d T = align_poses(pairs.poses, pairs.truth);
+  for (Eigen::Isometry3d& pose : pairs.poses) pose = T * pose;
+  const PoseErrors errors = compare_poses(pairs.poses, pairs.truth);
+  fmt::print("pose error {}: median {:.3f} mm, {:.4f} deg; 90 % {:.3f} mm, {:.4f} deg\n", when,
+             1000 * errors.median_translation_m, kDegPerRad * errors.median_rotation_rad,
+             1000 * errors.p90_translation_m, kDegPerRad * errors.p90_rotation_rad);
+}
+
+// The middle pair of views: how far its surfaces are apart.
+double typical(const Disagreement& disagreement) {
+  std::vector<double> medians;
+  for (const PairSurvey& pair : disagreement.pairs)
+    if (pair.compared > 0) medians.push_back(pair.median_absolute_m);
+  if (medians.empty()) return 0;
+  std::sort(medians.begin(), medians.end());
+  return medians[medians.size() / 2];
+}
+
+void print_sliding(const RegisterSceneReport& report) {
+  for (const Sliding& sliding : report.registration.sliding) {
+    const bool is_turn = sliding.rotation.norm() > sliding.translation.norm();
+    const Eigen::Vector3d along = (is_turn ? sliding.rotation : sliding.translation).normalized();
+    std::string names;
+    for (const std::uint32_t view : sliding.views) names += (names.empty() ? "" : ", ") + report.names[view];
+    fmt::print("not determined: views {} could {} ({:.2f}, {:.2f}, {:.2f}); not moved along it\n", names,
+               is_turn ? "turn about" : "slide along", along.x(), along.y(), along.z());
+  }
+}
+
+void print_summary(const RegisterSceneReport& report) {
+  std::array<std::size_t, 4> count{};
+  double most_moved_m = 0, most_turned_rad = 0;
+  for (const PlacedView& view : report.views) {
+    ++count[std::size_t(view.placement)];
+    most_moved_m = std::max(most_moved_m, view.moved_m);
+    most_turned_rad = std::max(most_turned_rad, view.turned_rad);
+  }
+  const auto dropped = std::count_if(report.registration.pairs.begin(), report.registration.pairs.end(),
+                                     [](const RegisteredPair& pair) { return !pair.problem.empty(); });
+  fmt::print("{} views: {} placed, {} fixed, {} without partner, {} refused; moved by up to {:.3g} mm, {:.3g} deg\n",
+             report.views.size(), count[1], count[0], count[2], count[3], 1000 * most_moved_m,
+             kDegPerRad * most_turned_rad);
+  fmt::print("{} pairs, {} left out; capture range {:.3g} mm, {:.3g} deg\n", report.registration.pairs.size(), dropped,
+             1000 * report.registration.capture_m, kDegPerRad * report.registration.capture_rad);
+  fmt::print("median distance between two views: {:.3g} mm before, {:.3g} mm after\n",
+             1000 * typical(report.disagreement_before), 1000 * typical(report.disagreement_after));
+  fmt::print("beyond the noise: {:.3g} mm before, {:.3g} mm after\n", 1000 * report.disagreement_before.error.median_m,
+             1000 * report.disagreement_after.error.median_m);
+}
+
+void run(const RegisterArguments& arguments) {
+  const std::unique_ptr<Context> context = make_context(arguments.common);
+  const Scene scene = read_scene(arguments.scene, {.skip_bad_views = arguments.skip_bad_views}, *context);
+  std::optional<Scene> truth;
+  if (!arguments.truth.empty()) truth = read_scene(arguments.truth, {}, *context);
+  RegisterSceneOptions options;
+  options.skip_bad_views = arguments.skip_bad_views;
+  options.registration.fixed = places_of(arguments.fixed, scene);
+  options.registration.use_color = !arguments.no_color;
+  options.registration.capture_m = arguments.capture_mm / 1000;
+  const Outputs outputs = outputs_of(arguments);
+  const RegisterSceneResult result = register_scene(scene, options, *context);
+  write_scene(result.scene, outputs.manifest);
+  write_text(outputs.report, to_json(result.report, *context) + "\n");
+  write_text(outputs.plot, to_svg(result.report));
+  print_summary(result.report);
+  print_sliding(result.report);
+  if (!truth) return;
+  print_errors("before", scene, *truth);
+  print_errors("after", result.scene, *truth);
+}
+
+}  // namespace
+
+void add_register_command(CLI::App& app) {
+  auto arguments = std::make_shared<RegisterArguments>();
+  CLI::App* command = app.add_subcommand("register", "Refine the poses of a scene, all at once, and write it anew");
+  command->add_option("scene", arguments->scene, "scene.json, a Stanford .conf, or a folder that is recognised")
+      ->required();
+  command
+      ->add_option("-o,--output", arguments->output,
+                   "A folder, for scene.json, registration.json (report) and registration.svg (plot); or a .json file "
+                   "for the manifest alone")
+      ->required();
+  command->add_option("--report", arguments->report,
+                      "Write residuals, covariances and the disagreement of each pair, before and after, as JSON");
+  command->add_option("--plot", arguments->plot, "Write the disagreement of all pairs, before and after, as SVG");
+  command->add_option("--fixed", arguments->fixed, "Names of views that stay; the first, when none is given")
+      ->delimiter(',');
+  command->add_flag("--no-color", arguments->no_color, "Geometry alone, where views have pictures");
+  command
+      ->add_option("--capture", arguments->capture_mm,
+                   "How far apart points of one surface may be at first, millimetres; a tenth of what a view sees by "
+                   "default")
+      ->check(CLI::PositiveNumber);
+  command->add_option("--truth", arguments->truth,
+                      "A scene with true poses: print how far off the poses are before and after");
+  command->add_flag("--skip-bad-views", arguments->skip_bad_views, "Unusable views keep their poses, with a warning");
+  add_common_options(*command, arguments->common);
+  command->callback([arguments] { run(*arguments); });
+}
+
+}  // namespace lapseam::tool
