@@ -24,8 +24,8 @@ constexpr TriangleRule kRule = {.smallest_sine = 1e-3, .fold_cosine = -0.7};
 constexpr TriangleRule kSlitRule = {.smallest_sine = 1e-4, .fold_cosine = -0.95};
 constexpr std::size_t kLongestSlit = 16;
 constexpr float kCrackShare = 0.5f;
-constexpr float kMostSigma = 2;  // noise of a witness against that of the vertices around
-constexpr float kBeyond = 0.5f;  // how far beyond an edge its surface must go on, in sides of its triangle
+constexpr float kMostSigma = 1.4f;  // noise of a witness against that of the vertices around
+constexpr float kBeyond = 0.5f;     // how far beyond an edge its surface must go on, in sides of its triangle
 
 class CrackCloser {
  public:

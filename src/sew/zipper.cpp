@@ -25,6 +25,9 @@ constexpr float kLongest_px = 6;       // edges of seams, unless the border itse
 constexpr float kWallStep_px = 0.25f;  // sampling of borders and of triangle interiors
 // A sample may be left out when it is this close to the surface without it, in standard deviations of its range.
 constexpr float kFlatness = 0.3f;
+// Beyond the outline's triangles a face must agree with the nearest sample to this share of the tolerance: about a
+// standard deviation. With all of it, faces lean out over steps.
+constexpr float kFootprintTolerance = 0.4f;
 // A sample this many tolerances from the model is still no new surface, but one that views disagree about.
 constexpr float kShadowFactor = 2;
 constexpr std::size_t kChunk = 256;         // triangles that are culled together
@@ -864,7 +867,8 @@ class Zipper::Impl::Step {
     const int x = int(std::lround(u)), y = int(std::lround(v));
     if (!canvas_.has_sample(x, y)) return false;
     const std::size_t nearest = canvas_.pixel(x, y);
-    return std::abs(patch_.view.range.pixels[nearest] - range) <= canvas_.tolerance(nearest, error_m);
+    return std::abs(patch_.view.range.pixels[nearest] - range) <=
+           kFootprintTolerance * canvas_.tolerance(nearest, error_m);
   }
 
   void add_face(const PlanarTriangulation::Face& face) {
