@@ -7,10 +7,9 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "core/memory.h"
 #include "lapseam/context.h"
 #include "lapseam/register_scene.h"
-#include "lapseam/version.h"
+#include "report_head.h"
 
 namespace lapseam {
 namespace {
@@ -114,15 +113,7 @@ std::string legend(const Scale& scale) {
 }  // namespace
 
 std::string to_json(const RegisterSceneReport& report, const Context& context) {
-  Json json;
-  json["format"] = "lapseam-registration";
-  json["version"] = 1;
-  json["lapseam"] = kVersion;
-  json["threads"] = context.threads();
-  for (const StageRecord& stage : context.stages())
-    json["stages"].push_back(
-        {{"name", stage.name}, {"seconds", stage.seconds}, {"peak_rss_bytes", stage.peak_rss_bytes}});
-  json["peak_rss_bytes"] = peak_rss_bytes();
+  Json json = report_head("lapseam-registration", context);
   json.update(Json::parse(to_json(report.registration, report.views, report.names)));
   json["views_left_out"] = report.views_left_out;
   json["disagreement_before"] = Json::parse(to_json(report.disagreement_before, report.names));

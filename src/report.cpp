@@ -1,10 +1,9 @@
 #include <nlohmann/json.hpp>
 
-#include "core/memory.h"
 #include "lapseam/context.h"
 #include "lapseam/integrate.h"
 #include "lapseam/register_scene.h"
-#include "lapseam/version.h"
+#include "report_head.h"
 
 namespace lapseam {
 namespace {
@@ -62,15 +61,7 @@ std::string to_json(const TextureReport& t) {
 }
 
 std::string to_json(const IntegrateReport& report, const Context& context) {
-  Json json;
-  json["format"] = "lapseam-report";
-  json["version"] = 1;
-  json["lapseam"] = kVersion;
-  json["threads"] = context.threads();
-  for (const StageRecord& stage : context.stages())
-    json["stages"].push_back(
-        {{"name", stage.name}, {"seconds", stage.seconds}, {"peak_rss_bytes", stage.peak_rss_bytes}});
-  json["peak_rss_bytes"] = peak_rss_bytes();
+  Json json = report_head("lapseam-report", context);
   for (const auto& [id, sensor] : report.sensors) json["sensors"][id] = of_sensor(sensor);
   json["registration_error_m"] = report.registration_error_m;
   std::vector<std::string> names;

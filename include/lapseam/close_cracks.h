@@ -27,9 +27,9 @@ struct CloseCracksReport {
 /// The mesh's provenance counts the patches. A border triangle goes when the middle of another one that faces alike and
 /// shares no vertex with it lies over it within the noise of both: the surer stays. A loop of up to 64 open edges is
 /// closed when some view measured a surface beyond most of its length: by the flattest, then smallest triangulation
-/// that meets nothing (exact) and that no view whose error is clearly smaller than that of any witness looked through.
-/// No vertex is made or moved; the mesh stays edge-manifold and oriented, and no new triangle meets another. Same
-/// result for any number of threads. Throws Cancelled.
+/// that meets nothing (exact), that a view about as sure as its corners confirms and no clearly surer one looked
+/// through. No vertex is made or moved; the mesh stays edge-manifold and oriented, and no new triangle meets another.
+/// Same result for any number of threads. Throws Cancelled.
 CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const OverlapOptions& options,
                                Context& context);
 
