@@ -4,7 +4,6 @@
 #include <optional>
 
 #include "core/parallel.h"
-#include "health/self_intersection.h"
 #include "io/scene_formats.h"
 #include "lapseam/close_cracks.h"
 #include "lapseam/error.h"
@@ -13,13 +12,18 @@
 #include "lapseam/survey.h"
 #include "lapseam/triangulate.h"
 #include "load_views.h"
+#include "mend/silhouettes.h"
+#include "mend/untangle.h"
 
 namespace lapseam {
 namespace {
 
-// Triangles that cut through others are taken out and their places closed anew this many times; what still cuts then is
-// left out.
-constexpr int kMendings = 2;
+// While the model grows it is thinned now and then, to this share of what the result may lose: more would show in what
+// later views are compared with.
+constexpr double kEarlyShare = 0.4;
+// Closing cracks adds triangles to a count that is asked for.
+constexpr double kShareBeforeClosing = 0.97;
+constexpr std::size_t kTrianglesBetweenThinnings = 400'000;
 
 class Integration {
  public:
@@ -143,8 +147,14 @@ class Integration {
     });
   }
 
+  static Image<std::uint8_t> wanted_of(const Image<std::uint8_t>& claims, Claim least) {
+    Image<std::uint8_t> wanted = claims;
+    for (std::uint8_t& c : wanted.pixels) c = c == std::uint8_t(Claim::kBest) || c == std::uint8_t(least);
+    return wanted;
+  }
+
   // Every spot belongs to the view that measured it best; what is left open is filled in a second round by whichever
-  // view saw it.
+  // view saw it. In between the model loses vertices that noise alone would ask for: every view is shown all of it.
   void zip() {
     std::vector<Image<std::uint8_t>> claims;
     {
@@ -153,37 +163,39 @@ class Integration {
       claims = claim_samples(patches_, overlap_, counts, context_);
       for (std::size_t i = 0; i < patches_.size(); ++i) result_.report.views[i].claims = counts[i];
     }
-    StageScope stage(context_, "sew", (2 + kMendings) * patches_.size());
+    StageScope stage(context_, "sew", 2 * patches_.size());
     Zipper zipper(patches_, overlap_);
-    const auto wanted_of = [&](std::size_t i, Claim least) {
-      Image<std::uint8_t> wanted = claims[i];
-      for (std::uint8_t& c : wanted.pixels) c = c == std::uint8_t(Claim::kBest) || c == std::uint8_t(least);
-      return wanted;
-    };
-    for (const Claim least : {Claim::kBest, Claim::kYields})
-      for (std::size_t i = 0; i < patches_.size(); ++i) {
-        zipper.add(std::uint32_t(i), wanted_of(i, least), context_);
-        stage.advance();
-      }
-    // Where views disagree, triangles of two of them may cut through each other: they go, and what is left is closed.
-    for (int mending = 0; mending <= kMendings; ++mending) {
-      const SelfIntersections found =
-          find_self_intersections(zipper.mesh().positions_m, zipper.mesh().triangles, context_);
-      result_.report.self_intersecting_triangles_removed += found.triangles;
-      if (found.triangles > 0) zipper.remove(found.is_meeting, context_);
-      for (std::size_t i = 0; i < patches_.size() && mending < kMendings; ++i) {
-        if (found.triangles > 0) zipper.mend(std::uint32_t(i), wanted_of(i, Claim::kYields), context_);
-        stage.advance();
-      }
+    std::size_t most_triangles = kTrianglesBetweenThinnings;
+    for (std::size_t i = 0; i < patches_.size(); ++i) {
+      zipper.add(std::uint32_t(i), wanted_of(claims[i], Claim::kBest), context_);
+      stage.advance();
+      if (zipper.mesh().triangle_count() < most_triangles && i + 1 < patches_.size()) continue;
+      thin(zipper);
+      most_triangles = zipper.mesh().triangle_count() * 3 / 2 + kTrianglesBetweenThinnings;
+    }
+    for (std::size_t i = 0; i < patches_.size(); ++i) {
+      zipper.revisit(std::uint32_t(i), wanted_of(claims[i], Claim::kYields), context_);
+      stage.advance();
     }
     result_.report.zipper = zipper.report();
     result_.mesh = zipper.take();
+  }
+
+  void thin(Zipper& zipper) {
+    if (!(options_.reduce_sigma > 0)) return;
+    const double bound = kEarlyShare * options_.reduce_sigma;
+    zipper.replace_mesh(reduce(zipper.mesh(), zipper.vertex_errors_m(), {.max_error_sigma = bound}, context_).mesh,
+                        context_);
   }
 
   void clean() {
     Mesh& mesh = result_.mesh;
     StageScope stage(context_, "clean");
     result_.report.triangles_in_small_components = remove_small_components(mesh, options_.smallest_component);
+    result_.report.silhouette_vertices_moved = extend_silhouettes(mesh, patches_, overlap_, context_);
+    thin();
+    result_.report.self_intersecting_triangles_removed =
+        remove_self_intersections(mesh, expected_errors(mesh, patches_), context_);
     result_.report.cracks = close_cracks(mesh, patches_, overlap_, context_);
     result_.report.triangles_in_small_components += remove_small_components(mesh, options_.smallest_component);
     result_.report.pinched_vertices_split = split_pinched_vertices(mesh);
@@ -197,17 +209,26 @@ class Integration {
     patches_.shrink_to_fit();
   }
 
+  // What is less than the noise needs no vertices; nor does what the user can do without. Before cracks are closed, for
+  // reduction may make triangles cut through each other.
+  void thin() {
+    Mesh& mesh = result_.mesh;
+    result_.report.triangles_before_reduction = mesh.triangle_count();
+    if (options_.reduce_sigma > 0)
+      mesh = reduce(mesh, expected_errors(mesh, patches_), {.max_error_sigma = options_.reduce_sigma}, context_).mesh;
+    ReduceOptions limits = options_.reduce;
+    limits.max_triangles = std::uint64_t(double(limits.max_triangles) * kShareBeforeClosing);
+    if (limits.max_error_m > 0 || limits.max_triangles > 0) mesh = reduce(mesh, {}, limits, context_).mesh;
+  }
+
   void finish() {
     Mesh& mesh = result_.mesh;
     if (options_.fill_holes.largest_m > 0) {
       StageScope stage(context_, "fill holes");
       result_.report.fill_holes = fill_holes(mesh, options_.fill_holes, context_);
     }
-    const ReduceOptions& limits = options_.reduce;
-    if (limits.max_error_m > 0 || limits.max_triangles > 0) {
-      result_.report.triangles_before_reduction = mesh.triangle_count();
-      mesh = reduce(mesh, {}, limits, context_).mesh;
-    }
+    if (const std::uint64_t most = options_.reduce.max_triangles; most > 0 && mesh.triangle_count() > most)
+      mesh = reduce(mesh, {}, {.max_triangles = most}, context_).mesh;
   }
 
   void color() {

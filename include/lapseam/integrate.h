@@ -38,7 +38,10 @@ struct IntegrateOptions {
   OverlapOptions overlap{};  ///< its registration error is estimated when left at 0
   /// Holes that nobody measured are closed up to this size; by default they stay open.
   FillHolesOptions fill_holes{};
-  /// The finished mesh is reduced when one of the limits is set. Views enter it reduced within their noise in any case.
+  /// The mesh keeps no vertex that noise alone would ask for: it may be off the planes of the triangles it stands for
+  /// by this many sigmas of a single measurement, root mean square. 0: all vertices are kept.
+  double reduce_sigma = 0.25;
+  /// The finished mesh is reduced further when one of the limits is set.
   ReduceOptions reduce{};
   TextureOptions texture{};  ///< its registration error is the one that was found
   ColorOutput color = ColorOutput::kAtlas;
@@ -81,12 +84,13 @@ struct IntegrateReport {
   std::vector<PlacedView> placed_views;  ///< as `views`; empty: poses were taken as given
   RegisterReport registration;
   ZipperReport zipper;
-  std::uint64_t self_intersecting_triangles_removed = 0;  ///< over all rounds of mending
+  std::uint64_t silhouette_vertices_moved = 0;  ///< half a sample outwards, see docs/method.md
+  std::uint64_t self_intersecting_triangles_removed = 0;
   CloseCracksReport cracks;
   std::uint64_t pinched_vertices_split = 0;
   std::uint64_t triangles_in_small_components = 0;
   FillHolesReport fill_holes;
-  std::uint64_t triangles_before_reduction = 0;  ///< 0 when nothing was to be reduced
+  std::uint64_t triangles_before_reduction = 0;  ///< at the end of sewing, where the model is thinned as it grows
   TextureReport texture;
   MeshHealth health;
 };

@@ -8,9 +8,11 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "lapseam/image.h"
+#include "lapseam/mesh.h"
 #include "lapseam/noise.h"
 #include "lapseam/view.h"
 
@@ -51,16 +53,26 @@ struct PatchGrid {
   std::size_t triangle_count() const;
 };
 
+/// Logarithmic steps, fifteen an octave, of the inverse of an expected error, in 1/m: 1 is 10 m, 255 some 0.1 mm.
+/// Views that are as good as each other within a step do not take turns.
+std::uint8_t confidence_code(float per_m);
+float confidence_per_m(std::uint8_t code);
+
 /// Everything known of one view while the model grows.
 struct Patch {
   View view;         ///< range already smoothed
   NoiseModel noise;  ///< of a single sample, before smoothing
   std::shared_ptr<const RayTable> rays;
   PatchGrid grid;
-  Image<float> confidence;        ///< per sample; 1/m: inverse of the expected error; 0 where there is no triangle
-  Image<std::uint8_t> incidence;  ///< per sample; cosine between normal and ray · 255, from range smoothed on purpose
+  Image<std::uint8_t> confidence;  ///< per sample: confidence_code; 0 where there is no triangle
+  Image<std::uint8_t> incidence;   ///< per sample; cosine between normal and ray · 255, from range smoothed on purpose
 
   Eigen::Vector3f point_in_view(std::size_t pixel) const { return rays->point(pixel, view.range.pixels[pixel]); }
 };
+
+/// Of a single measurement, along the normal of the surface at the sample, metres.
+float expected_error_m(const Patch& patch, std::size_t pixel);
+/// The same of each vertex, by its provenance, which counts the patches.
+std::vector<float> expected_errors(const Mesh& mesh, std::span<const Patch> patches);
 
 }  // namespace lapseam

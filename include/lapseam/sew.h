@@ -36,12 +36,15 @@ class Zipper {
   /// called again for the same view.
   void add(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context);
 
-  /// Takes out of the model every triangle for which doomed is not 0; mend() closes what that leaves open.
-  void remove(const std::vector<std::uint8_t>& doomed, Context& context);
-  /// As add, but only around triangles that the last remove() took. Does nothing for a view that sees none of them.
-  void mend(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context);
+  /// As add, but only around the model's border: what is left open is closed by whichever view saw it.
+  void revisit(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context);
 
   const Mesh& mesh() const;
+  /// Expected error of each vertex along its normal, metres.
+  std::span<const float> vertex_errors_m() const;
+  /// Goes on with another mesh: one of the same provenance, for fewer triangles.
+  void replace_mesh(Mesh mesh, Context& context);
+
   ZipperReport report() const;
   /// The mesh with provenance; the zipper is empty afterwards.
   Mesh take();

@@ -269,7 +269,7 @@ MeshHealth check_health(const Mesh& mesh, const HealthOptions& options, Context&
     found = find_self_intersections(positions_m, triangles, context);
     health.self_intersections_checked = true;
     health.self_intersecting_triangles = found.triangles;
-    health.self_intersecting_pairs = found.pairs;
+    health.self_intersecting_pairs = found.pairs.size();
   }
   if (!mesh.triangle_tag.empty() && !mesh.triangle_view.empty())
     health.seams = measure_seams({positions_m, triangles, mesh.triangle_tag, mesh.triangle_view, found.is_meeting},

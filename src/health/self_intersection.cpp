@@ -4,7 +4,6 @@
 #include "health/self_intersection.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <vector>
 
@@ -28,21 +27,24 @@ class Finder {
   }
 
   SelfIntersections find() {
-    is_meeting_.assign(order_.size(), 0);
     SelfIntersections result;
     result.is_meeting.assign(triangles_.size(), 0);
     if (order_.empty()) return result;
+    using Pairs = std::vector<std::array<std::uint32_t, 2>>;
     result.pairs = parallel_reduce(
-        context_, levels_[0].size(), 64, std::uint64_t(0),
-        [&](std::size_t begin, std::size_t end, std::uint64_t pairs) {
-          for (std::size_t leaf = begin; leaf < end; ++leaf) pairs += visit_leaf(leaf);
+        context_, levels_[0].size(), 64, Pairs(),
+        [&](std::size_t begin, std::size_t end, Pairs pairs) {
+          for (std::size_t leaf = begin; leaf < end; ++leaf) visit_leaf(leaf, pairs);
           return pairs;
         },
-        [](std::uint64_t a, std::uint64_t b) { return a + b; });
-    for (std::size_t i = 0; i < order_.size(); ++i) {
-      result.triangles += is_meeting_[i];
-      result.is_meeting[order_[i]] = is_meeting_[i];
-    }
+        [](Pairs first, const Pairs& second) {
+          first.insert(first.end(), second.begin(), second.end());
+          return first;
+        });
+    std::sort(result.pairs.begin(), result.pairs.end());
+    for (const auto& pair : result.pairs)
+      for (const std::uint32_t t : pair) result.is_meeting[t] = 1;
+    for (const std::uint8_t is_meeting : result.is_meeting) result.triangles += is_meeting;
     return result;
   }
 
@@ -106,7 +108,7 @@ class Finder {
   }
 
   /// Pairs between this leaf and itself or later ones.
-  std::uint64_t visit_leaf(std::size_t leaf) {
+  void visit_leaf(std::size_t leaf, std::vector<std::array<std::uint32_t, 2>>& pairs) {
     struct Node {
       std::size_t level, index;
     };
@@ -114,12 +116,11 @@ class Finder {
     std::size_t size = 0;
     stack[size++] = {levels_.size() - 1, 0};
     const Box& box = levels_[0][leaf];
-    std::uint64_t pairs = 0;
     while (size > 0) {
       const Node node = stack[--size];
       if (!levels_[node.level][node.index].overlaps(box)) continue;
       if (node.level == 0) {
-        pairs += compare_leaves(leaf, node.index);
+        compare_leaves(leaf, node.index, pairs);
         continue;
       }
       const std::size_t below = node.level - 1;
@@ -128,23 +129,18 @@ class Finder {
       const std::size_t leaf_at_level = leaf >> (2 * below);  // kArity = 4
       for (std::size_t child = std::max(first, leaf_at_level); child < last; ++child) stack[size++] = {below, child};
     }
-    return pairs;
   }
 
-  std::uint64_t compare_leaves(std::size_t leaf, std::size_t other) {
-    std::uint64_t pairs = 0;
+  void compare_leaves(std::size_t leaf, std::size_t other, std::vector<std::array<std::uint32_t, 2>>& pairs) {
     const std::size_t end = std::min((leaf + 1) * kLeafSize, order_.size());
     const std::size_t other_end = std::min((other + 1) * kLeafSize, order_.size());
     for (std::size_t i = leaf * kLeafSize; i < end; ++i) {
       if (!boxes_[i].overlaps(levels_[0][other])) continue;
       for (std::size_t j = std::max(i + 1, other * kLeafSize); j < other_end; ++j) {
         if (!boxes_[i].overlaps(boxes_[j]) || !do_meet(order_[i], order_[j])) continue;
-        mark(i);
-        mark(j);
-        ++pairs;
+        pairs.push_back({std::min(order_[i], order_[j]), std::max(order_[i], order_[j])});
       }
     }
-    return pairs;
   }
 
   bool do_meet(std::uint32_t t, std::uint32_t s) const {
@@ -159,16 +155,12 @@ class Finder {
            do_segment_and_triangle_meet(b[(in_b + 1) % 3], b[(in_b + 2) % 3], a);
   }
 
-  /// Several threads may mark the same triangle; all of them write the same.
-  void mark(std::size_t i) { std::atomic_ref<std::uint8_t>(is_meeting_[i]).store(1, std::memory_order_relaxed); }
-
   std::span<const Eigen::Vector3f> positions_m_;
   std::span<const Triangle> triangles_;
   Context& context_;
   std::vector<std::uint32_t> order_;      ///< triangles of some area, in Morton order
   std::vector<Box> boxes_;                ///< of the triangles in that order
   std::vector<std::vector<Box>> levels_;  ///< leaves first; the last level is the root
-  std::vector<std::uint8_t> is_meeting_;
 };
 
 }  // namespace

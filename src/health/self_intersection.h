@@ -3,6 +3,7 @@
 // Triangles that cut through or touch others where they share no vertex or only one.
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -14,9 +15,9 @@ namespace lapseam {
 class Context;
 
 struct SelfIntersections {
-  std::uint64_t triangles = 0;  ///< that meet at least one other
-  std::uint64_t pairs = 0;
-  std::vector<std::uint8_t> is_meeting;  ///< per triangle: 1 where it meets another
+  std::uint64_t triangles = 0;                      ///< that meet at least one other
+  std::vector<std::array<std::uint32_t, 2>> pairs;  ///< sorted; the smaller index first
+  std::vector<std::uint8_t> is_meeting;             ///< per triangle: 1 where it meets another
 };
 
 /// Exact. Pairs with one common vertex meet when the edge opposite to it meets the other triangle; pairs with two or

@@ -76,7 +76,7 @@ float Witnesses::sigma_of(std::uint32_t view, std::uint32_t pixel) const {
 }
 
 float Witnesses::error_of(std::uint32_t view, std::uint32_t pixel) const {
-  return sigma_of(view, pixel) * std::max(0.05f, float(patches_[view].incidence.pixels[pixel]) / 255);
+  return expected_error_m(patches_[view], pixel);
 }
 
 }  // namespace lapseam

@@ -3,10 +3,11 @@
 #include "lapseam/overlap.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <unordered_map>
 
 #include "core/parallel.h"
+#include "lapseam/mesh.h"
 #include "overlap/view_projection.h"
 #include "patch/wide_normal.h"
 
@@ -21,6 +22,9 @@ constexpr float kLowestCosine = 0.15f;    // 81°: beyond, a range says nothing 
 // Range images are smoothed: measurements of one spot differ by much less than the noise of a single sample. What
 // differs by more than this share of it does so because a view blurs an edge, and would blur the mean.
 constexpr float kConsensusGate = 0.5f;
+// Views with more than this many times the noise have no say: their weights are small, but they are many, and what
+// smoothing did to their edges is no noise that a mean would take away.
+constexpr double kLargestNoiseRatio = 2;
 constexpr float kSameSide = 0.7f;  // views this much alike in direction see the same side of a sheet
 
 std::uint8_t code(Claim claim) { return static_cast<std::uint8_t>(claim); }
@@ -70,76 +74,149 @@ bool project_into(const Judge& judge, const Eigen::Vector3f& p_view, Pixel& out)
   return true;
 }
 
+// Whether the judge's noise at a tile, given in its frame too, is not much more than the view's own there.
+bool is_worth_asking(const Patch& judge, const Eigen::Vector3f& center, const Patch& patch, const PatchTile& tile) {
+  const double there = judge.noise.sigma(double(center.norm()));
+  return there <= kLargestNoiseRatio * patch.noise.sigma(double(tile.center_in_view.norm()));
+}
+
+// No sample of a tile is the judge's surface if it lies farther than this from it, along the judge's ray.
+float largest_tolerance(const Judge& judge, const Eigen::Vector3f& center, const Patch& patch, const PatchTile& tile,
+                        const OverlapOptions& options) {
+  const float there = center.norm() + tile.radius_m, here = tile.center_in_view.norm() + tile.radius_m;
+  const auto sigma = float(judge.patch->noise.sigma(double(there)) + patch.noise.sigma(double(here)));
+  return (kDisagreement *
+              (float(options.noise_factor) * sigma + kRegistrationFactor * float(options.registration_error_m)) +
+          judge.spacing_per_m * there) /
+         kLowestCosine;
+}
+
+// A shift in 256ths of the sample's sigma: those of all views are kept until all are known.
+constexpr float kShiftsPerSigma = 256;
+std::int16_t coded_shift(const Patch& patch, std::size_t pixel, float shift_m) {
+  const auto sigma = float(patch.noise.sigma(double(patch.view.range.pixels[pixel])));
+  return std::int16_t(std::lround(std::clamp(kShiftsPerSigma * shift_m / sigma, -32767.0f, 32767.0f)));
+}
+float decoded_shift(const Patch& patch, std::size_t pixel, std::int16_t code) {
+  return float(code) / kShiftsPerSigma * float(patch.noise.sigma(double(patch.view.range.pixels[pixel])));
+}
+
 // Judges the samples of one tile of one view.
 class TileClaims {
  public:
-  TileClaims(const Patch& patch, const OverlapOptions& options, Image<std::uint8_t>& claims, Image<float>& shift)
+  TileClaims(const Patch& patch, const OverlapOptions& options, Image<std::uint8_t>& claims, Image<std::int16_t>& shift)
       : patch_(patch), options_(options), claims_(claims), shift_(shift) {}
 
-  // Where a coarse lattice of samples yields all around a piece of unbroken surface, so do the samples between: only
-  // the rest is asked for one by one. What yields needs no consensus, for it is not kept.
+  // Each sample of a coarse lattice is asked for. Between four of them on unbroken surface the others follow: each
+  // takes the claim of the nearest, and moves by what lies between the four, for range images are smoothed over more
+  // than that. Only the rest is asked for one by one.
   void run(const PatchTile& tile, const std::vector<Judge>& judges) {
+    tile_ = &tile;
     samples_.clear();
-    for (int v = tile.v0; v <= tile.v1; v += kLattice_px)
-      for (int u = tile.u0; u <= tile.u1; u += kLattice_px) gather(u, v);
+    node_.fill({});
+    for (int y = 0; y < kNodes; ++y)
+      for (int x = 0; x < kNodes; ++x)
+        if (const int u = tile.u0 + x * kLattice_px, v = tile.v0 + y * kLattice_px; gather(u, v))
+          node_[std::size_t(y * kNodes + x)].sample = std::uint32_t(samples_.size() - 1);
     ask_all(judges);
-    for (const Sample& sample : samples_) lattice_[sample.pixel] = sample.claim;
+    for (Node& node : node_) {
+      if (node.sample == kInvalidIndex) continue;
+      node.claim = samples_[node.sample].claim;
+      node.shift = shift_of(samples_[node.sample]);
+    }
     samples_.clear();
-    for (int v = tile.v0; v < tile.v1; v += kLattice_px)
-      for (int u = tile.u0; u < tile.u1; u += kLattice_px) {
-        const bool yields = is_unbroken(u, v) && yields_at(u, v) && yields_at(u + kLattice_px, v) &&
-                            yields_at(u, v + kLattice_px) && yields_at(u + kLattice_px, v + kLattice_px);
-        for (int y = v; y < std::min(v + kLattice_px, tile.v1); ++y)
-          for (int x = u; x < std::min(u + kLattice_px, tile.u1); ++x) {
-            if (yields)
-              claims_.at(x, y) = code(Claim::kYields);
-            else
-              gather(x, y);
-          }
-      }
-    lattice_.clear();
+    for (int y = 0; y + 1 < kNodes; ++y)
+      for (int x = 0; x + 1 < kNodes; ++x) fill(x, y);
     ask_all(judges);
-    const float systematic = squared_registration();
     for (const Sample& sample : samples_) {
       claims_.pixels[sample.pixel] = code(sample.claim);
-      if (!(sample.sum > 0) || sample.claim == Claim::kPhantom) continue;
-      const float own_weight = 1 / (sample.error_m * sample.error_m + systematic);
-      const float cosine = std::max(kLowestCosine, float(patch_.incidence.pixels[sample.pixel]) / 255);
-      shift_.pixels[sample.pixel] = sample.weighted / (sample.sum + own_weight) / cosine;
+      if (sample.claim != Claim::kPhantom)
+        shift_.pixels[sample.pixel] = coded_shift(patch_, sample.pixel, shift_of(sample));
     }
   }
 
  private:
-  static constexpr int kLattice_px = 4;
+  static constexpr int kLattice_px = 4, kNodes = kTile_px / kLattice_px + 1;
 
   struct Sample {
     Eigen::Vector3f point;  // in the view's frame
-    std::uint32_t pixel;
-    float confidence, error_m;
+    std::uint32_t pixel = 0;
+    float error_m = 0;
     float sum = 0, weighted = 0;  // of the consensus: weights, and what the others say times weight, along the normal
+    std::uint8_t confidence = 0;
     Claim claim = Claim::kBest;
   };
 
-  // One judge after another, each over all samples: what they fall on stays in the cache.
-  void ask_all(const std::vector<Judge>& judges) {
-    for (const Judge& judge : judges)
-      for (Sample& sample : samples_)
-        if (sample.claim != Claim::kPhantom) ask(judge, sample);
+  struct Node {
+    std::uint32_t sample = kInvalidIndex;
+    float shift = 0;
+    Claim claim = Claim::kNone;
+  };
+
+  // The square between the nodes (x, y) and (x + 1, y + 1).
+  void fill(int x, int y) {
+    const int u0 = tile_->u0 + x * kLattice_px, v0 = tile_->v0 + y * kLattice_px;
+    const auto node = [&](int i, int j) -> const Node& { return node_[std::size_t((y + j) * kNodes + x + i)]; };
+    bool is_even = is_unbroken(u0, v0);
+    for (int k = 0; k < 4 && is_even; ++k) {
+      const Claim claim = node(k & 1, k >> 1).claim;
+      is_even = claim == Claim::kBest || claim == Claim::kYields;
+    }
+    const int u1 = std::min(u0 + kLattice_px, tile_->u1), v1 = std::min(v0 + kLattice_px, tile_->v1);
+    for (int v = v0; v < v1; ++v)
+      for (int u = u0; u < u1; ++u) {
+        if (!is_even) {
+          gather(u, v);
+          continue;
+        }
+        const float s = float(u - u0) / kLattice_px, t = float(v - v0) / kLattice_px;
+        const std::size_t pixel = claims_.index(u, v);
+        claims_.pixels[pixel] = code(node(s > 0.5f, t > 0.5f).claim);
+        const float shift = (1 - t) * ((1 - s) * node(0, 0).shift + s * node(1, 0).shift) +
+                            t * ((1 - s) * node(0, 1).shift + s * node(1, 1).shift);
+        shift_.pixels[pixel] = coded_shift(patch_, pixel, shift);
+      }
   }
 
-  bool yields_at(int u, int v) const {
-    const auto found = lattice_.find(std::uint32_t(patch_.confidence.index(u, v)));
-    return found != lattice_.end() && found->second == Claim::kYields;
+  // Along the ray, to the mean of all views.
+  float shift_of(const Sample& sample) const {
+    if (!(sample.sum > 0)) return 0;
+    const float own_weight = 1 / (sample.error_m * sample.error_m + squared_registration());
+    const float cosine = std::max(kLowestCosine, float(patch_.incidence.pixels[sample.pixel]) / 255);
+    return sample.weighted / (sample.sum + own_weight) / cosine;
+  }
+
+  // One judge after another, each over all samples. What they fall on lies scattered over the judge's image: it is
+  // fetched ahead, first the ranges, by which most samples turn out to be hidden, then the rest.
+  void ask_all(const std::vector<Judge>& judges) {
+    for (const Judge& judge : judges) {
+      seen_.clear();
+      const Patch& other = *judge.patch;
+      for (std::uint32_t i = 0; i < samples_.size(); ++i) {
+        if (samples_[i].claim == Claim::kPhantom) continue;
+        Seen seen{i, 0, {}};
+        if (!find_pixel(judge, samples_[i].point, seen)) continue;
+        __builtin_prefetch(&other.view.range.pixels[seen.pixel]);
+        seen_.push_back(seen);
+      }
+      std::erase_if(seen_, [&](const Seen& seen) { return is_hidden(judge, samples_[seen.sample], seen); });
+      for (const Seen& seen : seen_) {
+        __builtin_prefetch(&other.confidence.pixels[seen.pixel]);
+        __builtin_prefetch(&other.incidence.pixels[seen.pixel]);
+        __builtin_prefetch(&other.grid.cells[seen.pixel]);
+        __builtin_prefetch(&other.view.range.pixels[seen.pixel + std::size_t(other.grid.width)]);
+      }
+      for (const Seen& seen : seen_) ask(judge, samples_[seen.sample], seen);
+    }
   }
 
   // Every cell from (u, v) to the next lattice points has both its triangles.
   bool is_unbroken(int u, int v) const {
+    constexpr std::uint8_t kBoth = PatchGrid::kExists | PatchGrid::kExists << 1;
     if (u + kLattice_px >= patch_.grid.width || v + kLattice_px >= patch_.grid.height) return false;
     for (int y = v; y < v + kLattice_px; ++y)
-      for (int x = u; x < u + kLattice_px; ++x) {
-        const std::size_t cell = patch_.confidence.index(x, y);
-        if (!patch_.grid.exists(cell, 0) || !patch_.grid.exists(cell, 1)) return false;
-      }
+      for (int x = u; x < u + kLattice_px; ++x)
+        if ((patch_.grid.cells[patch_.confidence.index(x, y)] & kBoth) != kBoth) return false;
     return true;
   }
 
@@ -147,38 +224,63 @@ class TileClaims {
     return float(options_.registration_error_m) * float(options_.registration_error_m);
   }
 
-  void gather(int u, int v) {
-    if (u >= patch_.grid.width || v >= patch_.grid.height) return;
+  bool gather(int u, int v) {
+    if (u >= patch_.grid.width || v >= patch_.grid.height) return false;
     const std::size_t i = patch_.confidence.index(u, v);
-    if (!(patch_.confidence.pixels[i] > 0)) return;
+    if (patch_.confidence.pixels[i] == 0) return false;
     const float error = float(patch_.noise.sigma(double(patch_.view.range.pixels[i]))) *
                         std::max(0.05f, float(patch_.incidence.pixels[i]) / 255);
-    samples_.push_back({patch_.point_in_view(i), std::uint32_t(i), patch_.confidence.pixels[i], error});
+    Sample sample;
+    sample.point = patch_.point_in_view(i);
+    sample.pixel = std::uint32_t(i);
+    sample.error_m = error;
+    sample.confidence = patch_.confidence.pixels[i];
+    samples_.push_back(sample);
+    return true;
   }
 
-  void ask(const Judge& judge, Sample& sample) const {
+  // A sample in a judge's image.
+  struct Seen {
+    std::uint32_t sample;
+    std::uint32_t pixel;
     Pixel at;
-    if (!project_into(judge, sample.point, at)) return;
-    const Patch& other = *judge.patch;
-    const int w = other.grid.width, h = other.grid.height;
-    if (!(at.u > -1e6f && at.u < 1e6f && at.v > 0.5f && at.v < float(h) - 1.5f)) return;
+  };
+
+  static bool find_pixel(const Judge& judge, const Eigen::Vector3f& point, Seen& seen) {
+    Pixel& at = seen.at;
+    if (!project_into(judge, point, at)) return false;
+    const PatchGrid& grid = judge.patch->grid;
+    if (!(at.u > -1e6f && at.u < 1e6f && at.v > 0.5f && at.v < float(grid.height) - 1.5f)) return false;
     int x = int(std::floor(at.u + 0.5f));
-    const int y = int(at.v + 0.5f);
-    if (other.grid.wraps)
-      x = (x % w + w) % w;
-    else if (x < 1 || x >= w - 1)
-      return;
-    const std::size_t pixel = other.confidence.index(x, y);
+    if (grid.wraps)
+      x = (x % grid.width + grid.width) % grid.width;
+    else if (x < 1 || x >= grid.width - 1)
+      return false;
+    seen.pixel = std::uint32_t(int(at.v + 0.5f) * grid.width + x);
+    return true;
+  }
+
+  // Behind something else, as most are: no more to ask.
+  bool is_hidden(const Judge& judge, const Sample& sample, const Seen& seen) const {
+    const float measured = judge.patch->view.range.pixels[seen.pixel];
+    const auto sigma = float(judge.patch->noise.sigma(double(measured)));
+    const float registration = kRegistrationFactor * float(options_.registration_error_m);
+    const float most = (kDisagreement * (float(options_.noise_factor) * (sigma + sample.error_m) + registration) +
+                        judge.spacing_per_m * measured) /
+                       kLowestCosine;
+    return !(measured > seen.at.r - most);
+  }
+
+  void ask(const Judge& judge, Sample& sample, const Seen& seen) const {
+    if (sample.claim == Claim::kPhantom) return;
+    const Patch& other = *judge.patch;
+    const std::size_t pixel = seen.pixel;
+    const Pixel& at = seen.at;
     const float measured = other.view.range.pixels[pixel];
-    // Hidden behind something else, as most are: no more to ask.
     const auto sigma = float(other.noise.sigma(double(measured)));
     const float spacing = judge.spacing_per_m * measured;
     const float registration = kRegistrationFactor * float(options_.registration_error_m);
-    const float most =
-        (kDisagreement * (float(options_.noise_factor) * (sigma + sample.error_m) + registration) + spacing) /
-        kLowestCosine;
-    if (!(measured > at.r - most)) return;
-    const float other_confidence = other.confidence.pixels[pixel];
+    const std::uint8_t other_confidence = other.confidence.pixels[pixel];
     if (!(other_confidence > 0)) return;
     const float cosine = std::max(kLowestCosine, float(other.incidence.pixels[pixel]) / 255);
     const float own = sigma * cosine;
@@ -201,7 +303,7 @@ class TileClaims {
       if (other_confidence > sample.confidence || (other_confidence == sample.confidence && judge.wins_ties))
         sample.claim = Claim::kYields;
     } else if (options_.remove_seen_through && behind > 0 &&
-               is_seen_through(other, x, y, at.r, kClearanceFactor * along_normal)) {
+               is_seen_through(other, pixel, at.r, kClearanceFactor * along_normal)) {
       sample.claim = Claim::kPhantom;
     }
   }
@@ -221,8 +323,8 @@ class TileClaims {
   }
 
   // In every sample around: clearly behind.
-  bool is_seen_through(const Patch& other, int x, int y, float r, float clearance_m) const {
-    const int w = other.grid.width;
+  bool is_seen_through(const Patch& other, std::size_t center, float r, float clearance_m) const {
+    const int w = other.grid.width, x = int(center) % w, y = int(center) / w;
     for (int dy = -1; dy <= 1; ++dy)
       for (int dx = -1; dx <= 1; ++dx) {
         const int u = other.grid.wraps ? ((x + dx) % w + w) % w : x + dx;
@@ -252,9 +354,11 @@ class TileClaims {
   const Patch& patch_;
   const OverlapOptions& options_;
   Image<std::uint8_t>& claims_;
-  Image<float>& shift_;
+  Image<std::int16_t>& shift_;
+  const PatchTile* tile_ = nullptr;
   std::vector<Sample> samples_;
-  std::unordered_map<std::uint32_t, Claim> lattice_;
+  std::vector<Seen> seen_;
+  std::array<Node, std::size_t(kNodes* kNodes)> node_;
 };
 
 // Connected samples of one claim that are fewer than `smallest` and border on the other claim change sides.
@@ -297,17 +401,19 @@ std::uint64_t give_islands(const PatchGrid& grid, Image<std::uint8_t>& claims, C
 std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const OverlapOptions& options,
                                                std::span<ClaimCounts> counts, Context& context) {
   std::vector<ViewCone> cones(patches.size());
+  std::vector<FarthestRanges> farthest(patches.size());
   std::vector<std::vector<PatchTile>> tiles(patches.size());
   std::vector<Image<std::uint8_t>> claims(patches.size());
-  std::vector<Image<float>> shifts(patches.size());
+  std::vector<Image<std::int16_t>> shifts(patches.size());
   struct Task {
     std::size_t view, tile;
   };
   parallel_for(context, patches.size(), 1, [&](std::size_t i) {
     cones[i] = make_cone(patches[i]);
+    farthest[i] = FarthestRanges(patches[i]);
     tiles[i] = make_tiles(patches[i]);
     claims[i] = Image<std::uint8_t>(patches[i].grid.width, patches[i].grid.height, 0);
-    shifts[i] = Image<float>(patches[i].grid.width, patches[i].grid.height, 0.0f);
+    shifts[i] = Image<std::int16_t>(patches[i].grid.width, patches[i].grid.height, 0);
   });
   std::vector<Task> tasks;
   for (std::size_t i = 0; i < patches.size(); ++i)
@@ -319,13 +425,19 @@ std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const O
     for (std::size_t j = 0; j < patches.size(); ++j) {
       if (j == i) continue;
       const Judge judge = make_judge(patches[j], patches[i]);
-      if (cones[j].can_see(judge.R * tile.center_in_view + judge.t, tile.radius_m)) judges.push_back(judge);
+      const Eigen::Vector3f center = judge.R * tile.center_in_view + judge.t;
+      if (!cones[j].can_see(center, tile.radius_m)) continue;
+      if (!is_worth_asking(patches[j], center, patches[i], tile)) continue;
+      if (farthest[j].hide(center, tile.radius_m, largest_tolerance(judge, center, patches[i], tile, options)))
+        continue;
+      judges.push_back(judge);
     }
     TileClaims(patches[i], options, claims[i], shifts[i]).run(tile, judges);
   });
   parallel_for(context, patches.size(), 1, [&](std::size_t i) {
     for (std::size_t k = 0; options.consensus && k < shifts[i].size(); ++k)
-      patches[i].view.range.pixels[k] += shifts[i].pixels[k];
+      if (shifts[i].pixels[k] != 0)
+        patches[i].view.range.pixels[k] += decoded_shift(patches[i], k, shifts[i].pixels[k]);
     ClaimCounts sum;
     sum.islands += give_islands(patches[i].grid, claims[i], Claim::kBest, Claim::kYields, options.smallest_island);
     sum.islands += give_islands(patches[i].grid, claims[i], Claim::kYields, Claim::kBest, options.smallest_island);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "lapseam/sensor.h"
+
 namespace lapseam {
 namespace {
 
@@ -74,6 +76,56 @@ ViewCone make_cone(const Patch& patch) {
   for (std::size_t i = 0; i < patch.view.range.size(); ++i)
     if (patch.view.range.pixels[i] > 0) cone.farthest_m = std::max(cone.farthest_m, patch.point_in_view(i).norm());
   return cone;
+}
+
+FarthestRanges::FarthestRanges(const Patch& patch)
+    : patch_(&patch), farthest_(patch.grid.width / kBlock_px + 1, patch.grid.height / kBlock_px + 1, 0.0f) {
+  const RangeImage& range = patch.view.range;
+  for (int v = 0; v < range.height; ++v) {
+    float* const row = &farthest_.at(0, v / kBlock_px);
+    for (int u = 0; u < range.width; ++u) row[u / kBlock_px] = std::max(row[u / kBlock_px], range.at(u, v));
+  }
+}
+
+bool FarthestRanges::find_bounds(const Eigen::Vector3f& center, float radius_m, Bounds& out) const {
+  if (const auto* pinhole = std::get_if<PinholeSensor>(&patch_->view.sensor)) {
+    const float near_z = center.z() - radius_m;
+    if (!pinhole->distortion.is_zero() || !(near_z > radius_m)) return false;
+    const auto fx = float(pinhole->fx), fy = float(pinhole->fy);
+    const float u = fx * center.x() / center.z(), v = fy * center.y() / center.z();
+    const float reach_u = std::abs(fx) * radius_m / near_z + std::abs(u) * radius_m / near_z + 1;
+    const float reach_v = std::abs(fy) * radius_m / near_z + std::abs(v) * radius_m / near_z + 1;
+    const float cu = u + float(pinhole->cx), cv = v + float(pinhole->cy);
+    out = {cu - reach_u, cu + reach_u, cv - reach_v, cv + reach_v, near_z};
+    return true;
+  }
+  if (!std::holds_alternative<SphericalSensor>(patch_->view.sensor)) return false;
+  const float distance = center.norm();
+  // A cube around the sphere: its corners bound what they project to as long as it is small and far from the poles.
+  if (!(distance > 8 * radius_m) || std::abs(center.z()) > 0.8f * distance) return false;
+  out = {1e9f, -1e9f, 1e9f, -1e9f, distance - radius_m};
+  for (int k = 0; k < 8; ++k) {
+    const Eigen::Vector3f corner =
+        center + 1.2f * radius_m * Eigen::Vector3f(k & 1 ? 1.0f : -1.0f, k & 2 ? 1.0f : -1.0f, k & 4 ? 1.0f : -1.0f);
+    const auto at = project(patch_->view.sensor, corner.cast<double>());
+    if (!at) return false;
+    out.u_low = std::min(out.u_low, float(at->u)), out.u_high = std::max(out.u_high, float(at->u));
+    out.v_low = std::min(out.v_low, float(at->v)), out.v_high = std::max(out.v_high, float(at->v));
+  }
+  return out.u_high - out.u_low < 0.25f * float(patch_->grid.width);
+}
+
+bool FarthestRanges::hide(const Eigen::Vector3f& center, float radius_m, float slack_m) const {
+  Bounds bounds;
+  if (!find_bounds(center, radius_m, bounds)) return false;
+  const int w = patch_->grid.width, h = patch_->grid.height;
+  if (bounds.u_high < 0 || bounds.v_high < 0 || bounds.u_low > float(w) || bounds.v_low > float(h))
+    return !patch_->grid.wraps;
+  const auto block = [](float x, int size) { return std::clamp(int(x), 0, size - 1) / kBlock_px; };
+  for (int y = block(bounds.v_low, h); y <= block(bounds.v_high, h); ++y)
+    for (int x = block(bounds.u_low, w); x <= block(bounds.u_high, w); ++x)
+      if (bounds.nearest_r <= farthest_.at(x, y) + slack_m) return false;
+  return true;
 }
 
 }  // namespace lapseam

@@ -32,4 +32,26 @@ struct ViewCone {
 };
 ViewCone make_cone(const Patch& patch);
 
+/// The farthest range in blocks of an image: what lies behind it is hidden from the view, and most of what a cone
+/// contains does.
+class FarthestRanges {
+ public:
+  FarthestRanges() = default;
+  explicit FarthestRanges(const Patch& patch);
+
+  /// Whether a sphere, given in the view's frame, lies wholly behind what the view measured, by more than `slack_m`, or
+  /// where it measured nothing. False when that is not clear.
+  bool hide(const Eigen::Vector3f& center, float radius_m, float slack_m) const;
+
+ private:
+  static constexpr int kBlock_px = 16;
+  struct Bounds {
+    float u_low, u_high, v_low, v_high, nearest_r;
+  };
+  bool find_bounds(const Eigen::Vector3f& center, float radius_m, Bounds& out) const;
+
+  const Patch* patch_ = nullptr;
+  Image<float> farthest_;
+};
+
 }  // namespace lapseam

@@ -1,6 +1,24 @@
 #include "lapseam/patch.h"
 
+#include <algorithm>
+#include <cmath>
+
 namespace lapseam {
+namespace {
+
+constexpr float kStepsPerOctave = 15, kLowest_per_m = 0.1f;
+constexpr float kLowestCosine = 0.05f;  // 87°
+
+}  // namespace
+
+std::uint8_t confidence_code(float per_m) {
+  const float steps = kStepsPerOctave * std::log2(per_m / kLowest_per_m);
+  return std::uint8_t(std::clamp(std::lround(steps), 1l, 255l));
+}
+
+float confidence_per_m(std::uint8_t code) {
+  return code == 0 ? 0.0f : kLowest_per_m * std::exp2(float(code) / kStepsPerOctave);
+}
 
 std::shared_ptr<const RayTable> make_ray_table(const Sensor& sensor) {
   auto table = std::make_shared<RayTable>();
@@ -48,6 +66,18 @@ std::size_t PatchGrid::triangle_count() const {
   std::size_t count = 0;
   for (const std::uint8_t cell : cells) count += std::size_t((cell >> 1) & 1) + std::size_t((cell >> 2) & 1);
   return count;
+}
+
+float expected_error_m(const Patch& patch, std::size_t pixel) {
+  const float cosine = std::max(kLowestCosine, float(patch.incidence.pixels[pixel]) / 255);
+  return float(patch.noise.sigma(double(patch.view.range.pixels[pixel]))) * cosine;
+}
+
+std::vector<float> expected_errors(const Mesh& mesh, std::span<const Patch> patches) {
+  std::vector<float> errors(mesh.vertex_count());
+  for (std::size_t v = 0; v < errors.size(); ++v)
+    errors[v] = expected_error_m(patches[mesh.vertex_view[v]], mesh.vertex_pixel[v]);
+  return errors;
 }
 
 }  // namespace lapseam

@@ -55,6 +55,20 @@ bool is_before(const OpenEdge& x, const OpenEdge& y) {
   return kx != ky ? kx < ky : x.triangle < y.triangle;
 }
 
+// In the world's directions, × 127.
+Eigen::Matrix<std::int8_t, 3, 1> normal_at(const Patch& patch, std::size_t pixel) {
+  const auto w = std::size_t(patch.grid.width);
+  const Eigen::Vector3f normal =
+      patch.view.T_world_view.linear().cast<float>() * WideNormal(patch).at(int(pixel % w), int(pixel / w));
+  return (normal * 127).array().round().matrix().cast<std::int8_t>();
+}
+
+// Which places of its image a view works at.
+enum class Where : std::uint8_t {
+  kWanted,  // at wanted samples
+  kBorder,  // at the model's border
+};
+
 }  // namespace
 
 struct Zipper::Impl {
@@ -69,9 +83,8 @@ struct Zipper::Impl {
   std::vector<std::uint32_t> local_of_vertex;      // scratch, all kInvalidIndex between calls
   ZipperReport report;
   std::vector<std::uint8_t> times_added;
-  std::vector<Eigen::Vector4f> removed;  // where triangles were taken: centre, radius
 
-  void add(std::uint32_t index, const Image<std::uint8_t>& wanted, bool is_mending, Context& context);
+  void add(std::uint32_t index, const Image<std::uint8_t>& wanted, Where where, Context& context);
   void find_border();
   void add_chunks(std::size_t begin);
 
@@ -81,13 +94,12 @@ struct Zipper::Impl {
 // One view's turn.
 class Zipper::Impl::Step {
  public:
-  Step(Impl& model, std::uint32_t index, const Image<std::uint8_t>& wanted, int shift, bool is_mending,
-       Context& context)
+  Step(Impl& model, std::uint32_t index, const Image<std::uint8_t>& wanted, int shift, Where where, Context& context)
       : m_(model),
         index_(index),
         patch_(model.patches[index]),
         wanted_(wanted),
-        is_mending_(is_mending),
+        where_(where),
         context_(context),
         canvas_(patch_, model.mesh.origin_m, model.options, shift),
         w_(canvas_.width()),
@@ -101,8 +113,12 @@ class Zipper::Impl::Step {
   }
 
   void run() {
-    if (is_mending_ && !find_focus()) return;
+    focus_ = Image<std::uint8_t>(w_ / kTile_px + 1, h_ / kTile_px + 1, where_ == Where::kBorder);
+    if (where_ == Where::kWanted && !focus_on_wanted()) return;
+    find_depth_blocks();
     find_walls();
+    if (where_ == Where::kBorder && !focus_on_border()) return;
+    block_out_of_focus();
     mark_walls();
     mark_covered();
     emit_grid();
@@ -131,29 +147,44 @@ class Zipper::Impl::Step {
     return patch_.grid.is_mirrored ? area : -area;  // rows run down
   }
 
-  // ---- mending: only cells around what was removed
-  static constexpr int kFocusTile_px = 16;
-  static constexpr float kFocusMargin_px = 4;
+  // ---- where to work
+  static constexpr int kTile_px = 8;
+  static constexpr float kFocusMargin_px = 6;
 
-  bool find_focus() {
-    focus_ = Image<std::uint8_t>(w_, h_, 0);
-    focus_tile_ = Image<std::uint8_t>(w_ / kFocusTile_px + 1, h_ / kFocusTile_px + 1, 0);
+  bool is_focused(int u, int v) const { return focus_.at(u / kTile_px, v / kTile_px) != 0; }
+
+  void focus_around(float u, float v, float radius_px) {
+    const auto tile = [](float x, int size) { return std::clamp(int(x), 0, size - 1) / kTile_px; };
+    for (int y = tile(v - radius_px, h_); y <= tile(v + radius_px, h_); ++y)
+      for (int x = tile(u - radius_px, w_); x <= tile(u + radius_px, w_); ++x) focus_.at(x, y) = 1;
+  }
+
+  // Tiles with wanted samples, and those around them.
+  bool focus_on_wanted() {
+    Image<std::uint8_t> has(focus_.width, focus_.height, 0);
     bool any = false;
-    for (const Eigen::Vector4f& spot : m_.removed) {
-      const CanvasPoint at = canvas_.project(spot.head<3>());
-      if (!at.is_in || canvas_.compare(at, 0) != Agreement::kAgrees) continue;
-      const float radius = std::min(64.0f, spot.w() / std::max(1e-6f, pixel_size_m(at))) + kFocusMargin_px;
-      any = true;
-      for (int v = std::max(0, int(at.v - radius)); v <= std::min(h_ - 1, int(at.v + radius)); ++v)
-        for (int u = std::max(0, int(at.u - radius)); u <= std::min(w_ - 1, int(at.u + radius)); ++u) {
-          focus_.at(u, v) = 1;
-          focus_tile_.at(u / kFocusTile_px, v / kFocusTile_px) = 1;
-        }
-    }
-    if (!any) return false;
-    for (std::size_t i = 0; i < cell_.size(); ++i)
-      if (!focus_.pixels[i]) cell_.pixels[i] = kBlocked;
-    return true;
+    for (int v = 0; v < h_; ++v)
+      for (int u = 0; u < w_; ++u)
+        if (wanted_.pixels[canvas_.pixel(u, v)]) has.at(u / kTile_px, v / kTile_px) = any = true;
+    for (int y = 0; y < has.height; ++y)
+      for (int x = 0; x < has.width; ++x)
+        if (has.at(x, y))
+          for (int j = std::max(0, y - 1); j <= std::min(has.height - 1, y + 1); ++j)
+            for (int i = std::max(0, x - 1); i <= std::min(has.width - 1, x + 1); ++i) focus_.at(i, j) = 1;
+    return any;
+  }
+
+  bool focus_on_border() {
+    std::fill(focus_.pixels.begin(), focus_.pixels.end(), std::uint8_t(0));
+    for (const Wall& wall : walls_)
+      for (const CanvasPoint& end : {wall.a, wall.b}) focus_around(end.u, end.v, kFocusMargin_px);
+    return !walls_.empty();
+  }
+
+  void block_out_of_focus() {
+    for (int v = 0; v < h_; ++v)
+      for (int u = 0; u < w_; ++u)
+        if (!is_focused(u, v)) cell_.at(u, v) = kBlocked;
   }
 
   // Distance between neighbouring rays at a point.
@@ -164,13 +195,10 @@ class Zipper::Impl::Step {
   }
 
   bool is_in_focus(float u_low, float u_high, float v_low, float v_high) const {
-    if (!is_mending_) return true;
-    const int u0 = std::max(0, int(std::floor(u_low))) / kFocusTile_px,
-              v0 = std::max(0, int(std::floor(v_low))) / kFocusTile_px;
-    const int u1 = std::min(w_ - 1, int(std::ceil(u_high))), v1 = std::min(h_ - 1, int(std::ceil(v_high)));
-    for (int v = v0; v * kFocusTile_px <= v1; ++v)
-      for (int u = u0; u * kFocusTile_px <= u1; ++u)
-        if (focus_tile_.at(u, v)) return true;
+    const auto tile = [](float x, int size) { return std::clamp(int(std::floor(x)), 0, size - 1) / kTile_px; };
+    for (int v = tile(v_low, h_); v <= tile(v_high, h_); ++v)
+      for (int u = tile(u_low, w_); u <= tile(u_high, w_); ++u)
+        if (focus_.at(u, v)) return true;
     return false;
   }
 
@@ -190,7 +218,6 @@ class Zipper::Impl::Step {
   // ---- what the model covers already
   void mark_covered() {
     if (m_.chunks.empty()) return;
-    find_depth_blocks();
     const ViewCone cone = make_cone(patch_);
     std::vector<std::size_t> seen;
     for (std::size_t i = 0; i < m_.chunks.size(); ++i)
@@ -312,8 +339,7 @@ class Zipper::Impl::Step {
     if (!is_at_measured_depth(u_first, u_last, v_first, v_last, low_r, high_r, error)) return;
     for (int v = v_first; v <= v_last; ++v)
       for (int u = u_first; u <= u_last; ++u)
-        if (cell_.at(u, v) && (!is_mending_ || focus_.at(u, v)))
-          beneath.push_back({std::uint32_t(cell_.index(u, v)), std::uint32_t(t)});
+        if (cell_.at(u, v) && is_focused(u, v)) beneath.push_back({std::uint32_t(cell_.index(u, v)), std::uint32_t(t)});
     const int u0 = std::max(0, int(std::ceil(u_low - bulge))), u1 = u_last;
     const int v0 = std::max(0, int(std::ceil(v_low - bulge))), v1 = v_last;
     if (u0 > u1 || v0 > v1) return;
@@ -438,7 +464,7 @@ class Zipper::Impl::Step {
 
   // ---- samples that the view adds
   bool is_usable(int u, int v) const {
-    if (is_mending_ && !focus_.at(u, v)) return false;
+    if (!is_focused(u, v)) return false;
     const std::size_t pixel = canvas_.pixel(u, v);
     return wanted_.pixels[pixel] != 0 && patch_.confidence.pixels[pixel] > 0 &&
            !(sample_.at(u, v) & (kShadowed | kNear));
@@ -467,11 +493,8 @@ class Zipper::Impl::Step {
       m_.mesh.positions_m.push_back(canvas_.position(pixel));
       m_.mesh.vertex_view.push_back(index_);
       m_.mesh.vertex_pixel.push_back(std::uint32_t(pixel));
-      const float cosine = std::max(0.05f, float(patch_.incidence.pixels[pixel]) / 255);
-      m_.error_m.push_back(float(patch_.noise.sigma(double(patch_.view.range.pixels[pixel]))) * cosine);
-      const int turned = int(pixel % std::size_t(w_));
-      const Eigen::Vector3f normal = canvas_.T_model_view().linear() * WideNormal(patch_).at(turned, v);
-      m_.normal.push_back((normal * 127).array().round().matrix().cast<std::int8_t>());
+      m_.error_m.push_back(expected_error_m(patch_, pixel));
+      m_.normal.push_back(normal_at(patch_, pixel));
     }
     return id;
   }
@@ -932,7 +955,7 @@ class Zipper::Impl::Step {
   std::uint32_t index_;
   const Patch& patch_;
   const Image<std::uint8_t>& wanted_;
-  bool is_mending_;
+  Where where_;
   Context& context_;
   ViewCanvas canvas_;
   int w_, h_;
@@ -941,7 +964,7 @@ class Zipper::Impl::Step {
   Image<std::uint32_t> local_of_sample_, vertex_of_sample_;
   std::vector<Wall> walls_, blocked_;
   std::vector<Beneath> beneath_;  // sorted
-  Image<std::uint8_t> focus_, focus_tile_;
+  Image<std::uint8_t> focus_;     // tiles
   Image<DepthBlock> depth_;
   std::vector<Fence> fences_;
   std::vector<Local> locals_;
@@ -964,47 +987,20 @@ Zipper::Zipper(std::span<const Patch> patches, const OverlapOptions& options) : 
 }
 Zipper::~Zipper() = default;
 
-void Zipper::Impl::add(std::uint32_t index, const Image<std::uint8_t>& wanted, bool is_mending, Context& context) {
+void Zipper::Impl::add(std::uint32_t index, const Image<std::uint8_t>& wanted, Where where, Context& context) {
   if (patches[index].grid.width < 2 || patches[index].grid.height < 2) return;  // no cell, no triangle
   // A panorama is cut somewhere; every second time on the other side, so that the cut is closed too.
   const bool turns = patches[index].grid.wraps && (times_added[index] & 1);
   ++times_added[index];
-  Step(*this, index, wanted, turns ? patches[index].grid.width / 2 : 0, is_mending, context).run();
+  Step(*this, index, wanted, turns ? patches[index].grid.width / 2 : 0, where, context).run();
 }
 
 void Zipper::add(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context) {
-  impl_->add(index, wanted, false, context);
+  impl_->add(index, wanted, Where::kWanted, context);
 }
 
-void Zipper::mend(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context) {
-  if (!impl_->removed.empty()) impl_->add(index, wanted, true, context);
-}
-
-void Zipper::remove(const std::vector<std::uint8_t>& doomed, Context& context) {
-  Mesh& mesh = impl_->mesh;
-  impl_->removed.clear();
-  std::size_t kept = 0;
-  for (std::size_t t = 0; t < mesh.triangle_count(); ++t) {
-    context.throw_if_cancelled();
-    const Triangle corners = mesh.triangles[t];
-    if (doomed[t]) {
-      const Eigen::Vector3f center =
-          (mesh.positions_m[corners[0]] + mesh.positions_m[corners[1]] + mesh.positions_m[corners[2]]) / 3;
-      float radius = 0;
-      for (const std::uint32_t v : corners) radius = std::max(radius, (mesh.positions_m[v] - center).norm());
-      impl_->removed.emplace_back(center.x(), center.y(), center.z(), radius);
-      continue;
-    }
-    mesh.triangles[kept] = corners;
-    mesh.triangle_view[kept] = mesh.triangle_view[t];
-    mesh.triangle_tag[kept] = mesh.triangle_tag[t];
-    ++kept;
-  }
-  if (kept == mesh.triangle_count()) return;
-  mesh.triangles.resize(kept);
-  mesh.triangle_view.resize(kept);
-  mesh.triangle_tag.resize(kept);
-  impl_->find_border();
+void Zipper::revisit(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context) {
+  impl_->add(index, wanted, Where::kBorder, context);
 }
 
 // Everything that is known of the border, from the triangles alone.
@@ -1045,6 +1041,22 @@ void Zipper::Impl::add_chunks(std::size_t begin) {
     chunks.push_back(chunk);
   }
 }
+
+void Zipper::replace_mesh(Mesh mesh, Context& context) {
+  impl_->mesh = std::move(mesh);
+  const Mesh& now = impl_->mesh;
+  impl_->error_m.resize(now.vertex_count());
+  impl_->normal.resize(now.vertex_count());
+  parallel_for(context, now.vertex_count(), 4096, [&](std::size_t v) {
+    const Patch& patch = impl_->patches[now.vertex_view[v]];
+    impl_->error_m[v] = expected_error_m(patch, now.vertex_pixel[v]);
+    impl_->normal[v] = normal_at(patch, now.vertex_pixel[v]);
+  });
+  impl_->local_of_vertex.assign(now.vertex_count(), kInvalidIndex);
+  impl_->find_border();
+}
+
+std::span<const float> Zipper::vertex_errors_m() const { return impl_->error_m; }
 
 const Mesh& Zipper::mesh() const { return impl_->mesh; }
 

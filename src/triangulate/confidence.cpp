@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/parallel.h"
+#include "lapseam/mesh.h"
 #include "lapseam/triangulate.h"
 
 namespace lapseam {
@@ -15,11 +16,13 @@ constexpr double kSpacingShare = 0.25;
 // Confidence rises from kBorderShare at a border to 1 this many samples inside.
 constexpr int kBorderRamp_px = 12;
 constexpr float kBorderShare = 0.3f;
+// Neither quantity changes from one sample to the next: both are measured once in a block of samples this wide.
+constexpr int kBlock_px = 2;
 // Who wins must not flicker with the noise of the incidence: confidence is averaged over windows of this radius, twice.
-constexpr int kAveraging_px = 8;
-// Normals for the incidence come from differences over this many samples either side, of range smoothed at these taps.
-constexpr int kBaseline_px = 3;
-constexpr int kTaps[] = {1, 2, 4};
+constexpr int kAveraging_blocks = 4;
+// Normals for the incidence come from differences over this many blocks either side, of range smoothed at these taps.
+constexpr int kBaseline_blocks = 2;
+constexpr int kTaps_blocks[] = {1, 2};
 
 // Samples that no triangle uses have no say.
 std::vector<std::uint8_t> mark_used_samples(const PatchGrid& grid) {
@@ -68,132 +71,180 @@ std::vector<std::uint8_t> distance_to_border(const PatchGrid& grid) {
   return distance;
 }
 
-// Range smoothed strongly within steps; only for directions, never for positions.
-std::vector<float> smooth_for_normals(const Patch& patch, const StepThreshold& threshold, Context& context) {
-  const RangeImage& range = patch.view.range;
-  const int w = range.width, h = range.height;
-  std::vector<float> value = range.pixels, next(value.size());
-  for (const int tap : kTaps)
-    for (int axis = 0; axis < 2; ++axis) {
-      const int du = axis == 0 ? tap : 0, dv = axis == 1 ? tap : 0;
-      parallel_blocks(context, std::size_t(h), 32, [&](std::size_t begin, std::size_t end) {
-        for (int v = int(begin); v < int(end); ++v)
-          for (int u = 0; u < w; ++u) {
-            const std::size_t i = range.index(u, v);
-            next[i] = value[i];
-            if (!(value[i] > 0) || u < du || v < dv || u + du >= w || v + dv >= h) continue;
-            const float a = value[range.index(u - du, v - dv)], b = value[range.index(u + du, v + dv)];
-            const float limit = float(threshold.isolated(double(value[i]))) * float(tap);
-            if (a > 0 && b > 0 && std::abs(a - value[i]) < limit && std::abs(b - value[i]) < limit)
-              next[i] = 0.5f * value[i] + 0.25f * (a + b);
-          }
-      });
-      value.swap(next);
-    }
-  return value;
-}
-
-// Cosine between the ray and the normal at (u, v), from one-sided or central differences within steps; 0 if unknown.
-class IncidenceMeasure {
+// A view in blocks. Each is stood for by one of its samples that a triangle uses.
+class Blocks {
  public:
-  IncidenceMeasure(const Patch& patch, const StepThreshold& threshold, const std::vector<float>& range)
-      : patch_(patch), threshold_(threshold), range_(range), width_(patch.grid.width), height_(patch.grid.height) {}
+  Blocks(const Patch& patch, const StepThreshold& threshold, const std::vector<std::uint8_t>& used)
+      : patch_(patch),
+        threshold_(threshold),
+        wraps_(patch.grid.wraps),
+        pixel_((patch.grid.width + kBlock_px - 1) / kBlock_px, (patch.grid.height + kBlock_px - 1) / kBlock_px,
+               kInvalidIndex),
+        range_(pixel_.width, pixel_.height, 0.0f),
+        limit_(pixel_.width, pixel_.height, 0.0f) {
+    const int w = patch.grid.width, h = patch.grid.height;
+    for (int v = h - 1; v >= 0; --v)
+      for (int u = w - 1; u >= 0; --u) {
+        const std::size_t i = std::size_t(v) * std::size_t(w) + std::size_t(u);
+        if (used[i]) pixel_.at(u / kBlock_px, v / kBlock_px) = std::uint32_t(i);
+      }
+    for (std::size_t b = 0; b < pixel_.size(); ++b) {
+      if (pixel_.pixels[b] == kInvalidIndex) continue;
+      const float r = patch.view.range.pixels[pixel_.pixels[b]];
+      range_.pixels[b] = r;
+      limit_.pixels[b] = float(threshold.isolated(double(r))) * kBlock_px;
+    }
+  }
 
-  float cosine(int u, int v) const {
-    const std::size_t i = std::size_t(v) * std::size_t(width_) + std::size_t(u);
-    const Eigen::Vector3f normal = tangent(u, v, 1, 0).cross(tangent(u, v, 0, 1));
-    const float length = normal.norm() * patch_.rays->directions[i].norm();
-    return length > 0 ? std::min(1.0f, std::abs(normal.dot(patch_.rays->directions[i])) / length) : 0.0f;
+  int width() const { return pixel_.width; }
+  int height() const { return pixel_.height; }
+  /// kInvalidIndex: no triangle uses a sample of the block.
+  std::uint32_t pixel(int x, int y) const { return pixel_.at(x, y); }
+
+  /// Strongly, within steps; only for directions, never for positions.
+  void smooth() {
+    Image<float> next(width(), height(), 0.0f);
+    for (const int tap : kTaps_blocks)
+      for (int axis = 0; axis < 2; ++axis) {
+        const int dx = axis == 0 ? tap : 0, dy = axis == 1 ? tap : 0;
+        next.pixels = range_.pixels;
+        for (int y = dy; y + dy < height(); ++y) {
+          const float* const before = &range_.at(0, y - dy);
+          const float* const here = &range_.at(0, y);
+          const float* const after = &range_.at(0, y + dy);
+          const float* const limit = &limit_.at(0, y);
+          float* const out = &next.at(0, y);
+          for (int x = dx; x + dx < width(); ++x) {
+            const float a = before[x - dx], b = after[x + dx], r = here[x], most = limit[x] * float(tap);
+            const bool agree = a > 0 && b > 0 && std::abs(a - r) < most && std::abs(b - r) < most;
+            out[x] = agree ? 0.5f * r + 0.25f * (a + b) : r;
+          }
+        }
+        range_.pixels.swap(next.pixels);
+      }
+  }
+
+  /// Between the ray and the normal, from one-sided or central differences within steps; 0 if unknown.
+  float cosine(int x, int y) const {
+    const Eigen::Vector3f normal = tangent(x, y, 1, 0).cross(tangent(x, y, 0, 1));
+    const Eigen::Vector3f& ray = patch_.rays->directions[pixel(x, y)];
+    const float length = normal.norm() * ray.norm();
+    return length > 0 ? std::min(1.0f, std::abs(normal.dot(ray)) / length) : 0.0f;
   }
 
  private:
-  Eigen::Vector3f tangent(int u, int v, int du, int dv) const {
-    const std::size_t after = farthest(u, v, du, dv), before = farthest(u, v, -du, -dv);
-    return patch_.rays->point(after, range_[after]) - patch_.rays->point(before, range_[before]);
+  Eigen::Vector3f tangent(int x, int y, int dx, int dy) const {
+    return farthest(x, y, dx, dy) - farthest(x, y, -dx, -dy);
   }
-  std::size_t farthest(int u, int v, int du, int dv) const {
-    std::size_t best = std::size_t(v) * std::size_t(width_) + std::size_t(u);
-    for (int k = 1; k <= kBaseline_px; ++k) {
-      int x = u + k * du;
-      const int y = v + k * dv;
-      if (y < 0 || y >= height_) break;
-      if (x < 0 || x >= width_) {
-        if (!patch_.grid.wraps) break;
-        x = (x + width_) % width_;
+  Eigen::Vector3f farthest(int x, int y, int dx, int dy) const {
+    std::size_t best = pixel_.index(x, y);
+    for (int k = 1; k <= kBaseline_blocks; ++k) {
+      int i = x + k * dx;
+      const int j = y + k * dy;
+      if (j < 0 || j >= height()) break;
+      if (i < 0 || i >= width()) {
+        if (!wraps_) break;
+        i = (i + width()) % width();
       }
-      const std::size_t i = std::size_t(y) * std::size_t(width_) + std::size_t(x);
-      if (!(range_[i] > 0) || double(std::abs(range_[i] - range_[best])) > threshold_.continued(double(range_[best])))
+      const std::size_t b = pixel_.index(i, j);
+      if (!(range_.pixels[b] > 0) || double(std::abs(range_.pixels[b] - range_.pixels[best])) >
+                                         kBlock_px * threshold_.continued(double(range_.pixels[best])))
         break;
-      best = i;
+      best = b;
     }
-    return best;
+    return patch_.rays->point(pixel_.pixels[best], range_.pixels[best]);
   }
 
   const Patch& patch_;
   const StepThreshold& threshold_;
-  const std::vector<float>& range_;
-  int width_, height_;
+  bool wraps_;
+  Image<std::uint32_t> pixel_;
+  Image<float> range_, limit_;
 };
 
-// Mean over a window along one axis of the image, of samples in use only (confidence > 0), by running sums.
-void average_along(Image<float>& image, bool is_along_u, bool wraps_u, Context& context) {
-  const int lines = is_along_u ? image.height : image.width, length = is_along_u ? image.width : image.height;
-  const bool is_ring = is_along_u && wraps_u;
-  parallel_blocks(context, std::size_t(lines), 16, [&](std::size_t begin, std::size_t end) {
-    std::vector<double> sum(std::size_t(length) + 1);
-    std::vector<int> count(std::size_t(length) + 1);
-    for (int line = int(begin); line < int(end); ++line) {
-      const auto at = [&](int i) -> float& { return is_along_u ? image.at(i, line) : image.at(line, i); };
-      for (int i = 0; i < length; ++i) {
-        sum[std::size_t(i) + 1] = sum[std::size_t(i)] + double(at(i));
-        count[std::size_t(i) + 1] = count[std::size_t(i)] + (at(i) > 0 ? 1 : 0);
-      }
-      const auto window = [&](int first, int last, double& s, int& n) {  // [first, last), inside the line
-        s += sum[std::size_t(last)] - sum[std::size_t(first)];
-        n += count[std::size_t(last)] - count[std::size_t(first)];
-      };
-      for (int i = 0; i < length; ++i) {
-        if (!(at(i) > 0)) continue;
-        const int first = i - kAveraging_px, last = i + kAveraging_px + 1;
-        double s = 0;
-        int n = 0;
-        window(std::max(0, first), std::min(length, last), s, n);
-        if (is_ring && first < 0) window(std::max(0, length + first), length, s, n);
-        if (is_ring && last > length) window(0, std::min(length, last - length), s, n);
-        at(i) = float(s / n);
-      }
+// Mean over a window of rows or columns, of blocks in use only (> 0), by running sums.
+Image<float> average_columns(const Image<float>& image) {
+  const int w = image.width, h = image.height;
+  Image<float> out(w, h, 0.0f);
+  std::vector<double> sum(std::size_t(w), 0.0);
+  std::vector<int> count(std::size_t(w), 0);
+  const auto add = [&](int y, int sign) {
+    for (int x = 0; x < w; ++x) {
+      sum[std::size_t(x)] += sign * double(image.at(x, y));
+      count[std::size_t(x)] += image.at(x, y) > 0 ? sign : 0;
     }
-  });
+  };
+  for (int y = 0; y < std::min(kAveraging_blocks, h); ++y) add(y, 1);
+  for (int y = 0; y < h; ++y) {
+    if (y + kAveraging_blocks < h) add(y + kAveraging_blocks, 1);
+    if (y - kAveraging_blocks - 1 >= 0) add(y - kAveraging_blocks - 1, -1);
+    for (int x = 0; x < w; ++x)
+      if (image.at(x, y) > 0) out.at(x, y) = float(sum[std::size_t(x)] / count[std::size_t(x)]);
+  }
+  return out;
+}
+
+Image<float> average_rows(const Image<float>& image, bool wraps) {
+  const int w = image.width;
+  Image<float> out(w, image.height, 0.0f);
+  const int reach = std::min(kAveraging_blocks, (w - 1) / 2);
+  for (int y = 0; y < image.height; ++y) {
+    double sum = 0;
+    int count = 0;
+    const auto add = [&](int x, int sign) {
+      if (x < 0 || x >= w) {
+        if (!wraps) return;
+        x = (x + w) % w;
+      }
+      sum += sign * double(image.at(x, y));
+      count += image.at(x, y) > 0 ? sign : 0;
+    };
+    for (int x = -reach; x < reach; ++x) add(x, 1);
+    for (int x = 0; x < w; ++x) {
+      add(x + reach, 1);
+      if (x > 0) add(x - reach - 1, -1);
+      if (image.at(x, y) > 0) out.at(x, y) = float(sum / count);
+    }
+  }
+  return out;
 }
 
 }  // namespace
 
 void measure_confidence(Patch& patch, const StepThreshold& threshold, Context& context) {
+  context.throw_if_cancelled();
   const int w = patch.grid.width, h = patch.grid.height;
-  patch.confidence = Image<float>(w, h, 0.0f);
+  patch.confidence = Image<std::uint8_t>(w, h, 0);
   patch.incidence = Image<std::uint8_t>(w, h, 0);
   const std::vector<std::uint8_t> used = mark_used_samples(patch.grid);
   const std::vector<std::uint8_t> border = distance_to_border(patch.grid);
-  const std::vector<float> smoothed = smooth_for_normals(patch, threshold, context);
-  const IncidenceMeasure measure(patch, threshold, smoothed);
-  parallel_blocks(context, std::size_t(h), 32, [&](std::size_t begin, std::size_t end) {
-    for (int v = int(begin); v < int(end); ++v)
-      for (int u = 0; u < w; ++u) {
-        const std::size_t i = patch.confidence.index(u, v);
-        if (!used[i]) continue;
-        const auto r = double(patch.view.range.pixels[i]);
-        const float cosine = measure.cosine(u, v);
-        const auto error = float(std::hypot(patch.noise.sigma(r), kSpacingShare * threshold.spacing(r)));
-        const float ramp = kBorderShare + (1.0f - kBorderShare) * float(border[i]) / float(kBorderRamp_px);
-        // Never 0 for a sample in use: any measurement beats none.
-        patch.confidence.pixels[i] = std::max(0.02f, cosine) * ramp / error;
-        patch.incidence.pixels[i] = std::uint8_t(std::lround(cosine * 255.0f));
-      }
-  });
-  for (int pass = 0; pass < 2; ++pass) {
-    average_along(patch.confidence, true, patch.grid.wraps, context);
-    average_along(patch.confidence, false, patch.grid.wraps, context);
-  }
+  Blocks blocks(patch, threshold, used);
+  blocks.smooth();
+  Image<float> confidence(blocks.width(), blocks.height(), 0.0f);
+  Image<std::uint8_t> incidence(blocks.width(), blocks.height(), 0);
+  for (int y = 0; y < blocks.height(); ++y)
+    for (int x = 0; x < blocks.width(); ++x) {
+      const std::uint32_t i = blocks.pixel(x, y);
+      if (i == kInvalidIndex) continue;
+      const auto r = double(patch.view.range.pixels[i]);
+      const float cosine = blocks.cosine(x, y);
+      const auto error = float(std::hypot(patch.noise.sigma(r), kSpacingShare * threshold.spacing(r)));
+      const float ramp = kBorderShare + (1.0f - kBorderShare) * float(border[i]) / float(kBorderRamp_px);
+      // Never 0 for a sample in use: any measurement beats none.
+      confidence.at(x, y) = std::max(0.02f, cosine) * ramp / error;
+      incidence.at(x, y) = std::uint8_t(std::lround(cosine * 255.0f));
+    }
+  for (int pass = 0; pass < 2; ++pass) confidence = average_columns(average_rows(confidence, patch.grid.wraps));
+  Image<std::uint8_t> code(blocks.width(), blocks.height(), 0);
+  for (std::size_t b = 0; b < code.size(); ++b)
+    if (confidence.pixels[b] > 0) code.pixels[b] = confidence_code(confidence.pixels[b]);
+  for (int v = 0; v < h; ++v)
+    for (int u = 0; u < w; ++u) {
+      const std::size_t i = patch.confidence.index(u, v);
+      if (!used[i]) continue;
+      patch.confidence.pixels[i] = code.at(u / kBlock_px, v / kBlock_px);
+      patch.incidence.pixels[i] = incidence.at(u / kBlock_px, v / kBlock_px);
+    }
 }
 
 }  // namespace lapseam

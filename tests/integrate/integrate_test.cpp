@@ -60,7 +60,8 @@ void add_color(Scene& scene) {
 
 TEST(Integrate, BallFromSixSidesIsOneClosedSurface) {
   Context context(2);
-  const IntegrateResult result = integrate(ball_scene(), {.check_self_intersections = true}, context);
+  const IntegrateResult result =
+      integrate(ball_scene(), {.reduce_sigma = 0, .check_self_intersections = true}, context);
   expect_valid_mesh(result.mesh);
   EXPECT_EQ(result.report.health.components, 1u);
   EXPECT_EQ(result.report.health.boundary_edges, 0u);
@@ -74,6 +75,18 @@ TEST(Integrate, BallFromSixSidesIsOneClosedSurface) {
   // Every view looks at the ball as every other does: none may lose its share.
   for (const ViewReport& view : result.report.views)
     EXPECT_GT(view.triangles_in_model, view.triangles / 4) << view.name;
+}
+
+TEST(Integrate, VerticesThatNoiseAloneAsksForAreLeftOut) {
+  Context context(2);
+  const IntegrateResult all = integrate(ball_scene(), {.reduce_sigma = 0}, context);
+  const IntegrateResult some = integrate(ball_scene(), {.check_self_intersections = true}, context);
+  expect_valid_mesh(some.mesh);
+  EXPECT_LT(some.mesh.triangle_count(), all.mesh.triangle_count() * 3 / 4);
+  EXPECT_EQ(some.report.health.components, 1u);
+  EXPECT_EQ(some.report.health.boundary_edges, 0u);
+  EXPECT_EQ(some.report.health.self_intersecting_triangles, 0u);
+  for (const Eigen::Vector3f& p : some.mesh.positions_m) ASSERT_NEAR(p.norm(), kRadius_m, 0.004);
 }
 
 TEST(Integrate, NormalsPointOutwards) {
@@ -110,7 +123,8 @@ TEST(Integrate, OrderOfViewsChangesOnlyDetails) {
 TEST(Integrate, ProvenancePointsAtTheSample) {
   const Scene scene = ball_scene(0.0);
   Context context(2);
-  const Mesh mesh = integrate(scene, {.smooth = {.reach_px = 0}, .overlap = {.consensus = false}}, context).mesh;
+  const Mesh mesh =
+      integrate(scene, {.smooth = {.reach_px = 0}, .overlap = {.consensus = false}, .reduce_sigma = 0}, context).mesh;
   for (std::size_t i = 0; i < mesh.vertex_count(); ++i) {
     const ViewSource& view = scene.views[mesh.vertex_view[i]];
     const int u = int(mesh.vertex_pixel[i] % 120), v = int(mesh.vertex_pixel[i] / 120);
@@ -122,7 +136,7 @@ TEST(Integrate, ProvenancePointsAtTheSample) {
 TEST(Integrate, ConsensusMovesSamplesAlongTheirRays) {
   const Scene scene = ball_scene(0.002);
   Context context(2);
-  const Mesh mesh = integrate(scene, {.smooth = {.reach_px = 0}}, context).mesh;
+  const Mesh mesh = integrate(scene, {.smooth = {.reach_px = 0}, .reduce_sigma = 0}, context).mesh;
   double moved = 0;
   for (std::size_t i = 0; i < mesh.vertex_count(); ++i) {
     const ViewSource& view = scene.views[mesh.vertex_view[i]];

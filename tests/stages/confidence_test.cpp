@@ -43,13 +43,22 @@ TEST(Confidence, FallsOffTowardsBordersAndSteps) {
       test::make_view("step", test::small_camera(), Eigen::Isometry3d::Identity(),
                       test::nearest({test::rectangle(1.9, -0.5, 0.5, -0.5, 0.5), test::plane({0, 0, 2.5}, {0, 0, 1})})),
       kKinect);
-  const float inside = patch.confidence.at(60, 60);
-  EXPECT_LT(patch.confidence.at(1, 60), 0.6f * inside);
+  const auto confidence = [&](int u, int v) { return confidence_per_m(patch.confidence.at(u, v)); };
+  const float inside = confidence(60, 60);
+  EXPECT_LT(confidence(1, 60), 0.6f * inside);
   int edge = 60;  // the last column of the nearer rectangle
   while (patch.view.range.at(edge + 1, 60) < 2.2f) ++edge;
-  EXPECT_LT(patch.confidence.at(edge, 60), 0.5f * inside);
+  EXPECT_LT(confidence(edge, 60), 0.5f * inside);
   EXPECT_LT(patch.confidence.at(edge, 60), patch.confidence.at(edge - 5, 60));
-  EXPECT_NEAR(patch.confidence.at(60, 60), patch.confidence.at(64, 63), 0.05f * inside);
+  EXPECT_NEAR(inside, confidence(64, 63), 0.05f * inside);
+}
+
+TEST(Confidence, CodesAreLogarithmicSteps) {
+  for (int code = 1; code <= 255; ++code) EXPECT_EQ(confidence_code(confidence_per_m(std::uint8_t(code))), code);
+  EXPECT_EQ(confidence_code(1e-9f), 1);
+  EXPECT_EQ(confidence_code(1e9f), 255);
+  EXPECT_EQ(confidence_per_m(0), 0.0f);
+  EXPECT_NEAR(confidence_per_m(116) / confidence_per_m(101), 2.0f, 1e-3f);  // an octave
 }
 
 TEST(Confidence, NoTriangleNoConfidence) {

@@ -4,6 +4,7 @@
 
 #include "lapseam/context.h"
 #include "lapseam/health.h"
+#include "lapseam/reduce.h"
 #include "support/analytic_views.h"
 #include "support/expect_valid_mesh.h"
 #include "support/joined.h"
@@ -64,36 +65,44 @@ TEST(Zipper, StepsAndInvalidSamplesStayOpen) {
   }
 }
 
-TEST(Zipper, MendsWhatWasRemoved) {
+TEST(Zipper, RevisitClosesWhatIsOpen) {
   Context context(2);
   const auto patches = two_views_of(test::plane({0, 0, 0}, {0, 0, 1}), context);
+  // The first view leaves out a disk in the middle of what it sees, the second adds nothing of its own.
+  Image<std::uint8_t> wanted = everything(patches[0]);
+  for (int v = 0; v < wanted.height; ++v)
+    for (int u = 0; u < wanted.width; ++u)
+      if (std::hypot(u - 60, v - 60) < 9) wanted.at(u, v) = 0;
   Zipper zipper(patches, {});
-  for (const std::uint32_t i : {0u, 1u}) zipper.add(i, everything(patches[i]), context);
-  const std::uint64_t open_before = zipper.report().open_edges;
-  std::vector<std::uint8_t> doomed(zipper.mesh().triangle_count(), 0);
-  std::size_t removed = 0;
-  for (std::size_t i = 0; i < doomed.size(); ++i) {
-    const Triangle& t = zipper.mesh().triangles[i];
-    const Eigen::Vector3f c =
-        (zipper.mesh().positions_m[t[0]] + zipper.mesh().positions_m[t[1]] + zipper.mesh().positions_m[t[2]]) / 3;
-    removed += doomed[i] = c.norm() < 0.25f;
-  }
-  ASSERT_GT(removed, 2u);
-  zipper.remove(doomed, context);
-  EXPECT_GT(zipper.report().open_edges, open_before);
-  for (const std::uint32_t i : {0u, 1u}) zipper.mend(i, everything(patches[i]), context);
-  EXPECT_EQ(zipper.report().open_edges, open_before);
+  zipper.add(0, wanted, context);
+  EXPECT_EQ(check_health(zipper.mesh(), {}, context).boundary_loops, 2u);
+  zipper.revisit(1, everything(patches[1]), context);
   expect_valid_mesh(zipper.mesh());
   const MeshHealth health = check_health(zipper.mesh(), {}, context);
   EXPECT_EQ(health.boundary_loops, 1u);
   EXPECT_EQ(health.self_intersecting_triangles, 0u);
 }
 
-TEST(Zipper, NothingToMendNothingDone) {
+TEST(Zipper, GoesOnWithAThinnerMesh) {
+  Context context(2);
+  const auto patches = two_views_of(test::plane({0, 0, 0}, {0, 0, 1}), context);
+  Zipper zipper(patches, {});
+  zipper.add(0, everything(patches[0]), context);
+  Mesh thinner = reduce(zipper.mesh(), zipper.vertex_errors_m(), {.max_error_sigma = 0.3}, context).mesh;
+  ASSERT_LT(thinner.triangle_count(), zipper.mesh().triangle_count());
+  zipper.replace_mesh(std::move(thinner), context);
+  zipper.add(1, everything(patches[1]), context);
+  expect_valid_mesh(zipper.mesh());
+  const MeshHealth health = check_health(zipper.mesh(), {}, context);
+  EXPECT_EQ(health.boundary_loops, 1u);
+  EXPECT_EQ(health.self_intersecting_triangles, 0u);
+}
+
+TEST(Zipper, NothingWantedNothingAdded) {
   Context context(1);
   const auto patches = two_views_of(test::plane({0, 0, 0}, {0, 0, 1}), context);
   Zipper zipper(patches, {});
-  zipper.mend(0, everything(patches[0]), context);
+  zipper.revisit(0, everything(patches[0]), context);
   EXPECT_EQ(zipper.mesh().triangle_count(), 0u);
   zipper.add(0, Image<std::uint8_t>(120, 120, 0), context);
   EXPECT_EQ(zipper.mesh().triangle_count(), 0u);

@@ -42,7 +42,10 @@ inline Joined join(const std::vector<View>& views, const NoiseModel& noise, Cont
     for (std::uint32_t i = 0; i < views.size(); ++i) {
       Image<std::uint8_t> wanted = out.claims[i];
       for (std::uint8_t& c : wanted.pixels) c = c == std::uint8_t(Claim::kBest) || c == std::uint8_t(least);
-      zipper.add(i, wanted, context);
+      if (least == Claim::kBest)
+        zipper.add(i, wanted, context);
+      else
+        zipper.revisit(i, wanted, context);
     }
   out.report = zipper.report();
   out.mesh = zipper.take();

@@ -18,7 +18,7 @@ struct IntegrateArguments {
   std::string scene, output, report;
   bool no_texture = false, skip_bad_views = false, registers = false;
   int hold_out = 0;
-  double fill_holes_m = 0, max_error_mm = 0;
+  double fill_holes_m = 0, max_error_mm = 0, reduce_sigma = IntegrateOptions{}.reduce_sigma;
   std::uint64_t triangles = 0;
 };
 
@@ -50,6 +50,7 @@ void run(const IntegrateArguments& arguments) {
   options.fill_holes.largest_m = arguments.fill_holes_m;
   options.reduce.max_error_m = arguments.max_error_mm / 1000;
   options.reduce.max_triangles = arguments.triangles;
+  options.reduce_sigma = arguments.reduce_sigma;
   options.texture = texture_options(arguments.texture);
   options.check_self_intersections = !arguments.report.empty();
   const bool is_ply = std::filesystem::path(arguments.output).extension() == ".ply";
@@ -91,6 +92,12 @@ void add_integrate_command(CLI::App& app) {
   command
       ->add_option("--max-error", arguments->max_error_mm, "Reduce the result: largest error of a vertex, millimetres")
       ->check(CLI::PositiveNumber);
+  command
+      ->add_option("--reduce-sigma", arguments->reduce_sigma,
+                   "Leave out vertices that are off the surface by less than so many standard deviations of a "
+                   "measurement; 0 keeps all")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   command->add_option("--triangles", arguments->triangles, "Reduce the result to at most this many triangles")
       ->check(CLI::PositiveNumber);
   add_texture_options(*command, arguments->texture);
