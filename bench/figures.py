@@ -32,6 +32,11 @@ PATHS = {
     "held_out_median_mm": "held_out.against_views.ranges.median_absolute_mm",
     "held_out_within_percent": "held_out.against_views.ranges.within_percent",
     "held_out_miss_percent": "held_out.against_views.ranges.miss_percent",
+    "held_out_double_layer_percent": "held_out.against_views.ranges.double_layer_percent",
+    "held_out_nonmanifold": "held_out.mesh.nonmanifold_edges",
+    "held_out_misoriented": "held_out.mesh.misoriented_edges",
+    "held_out_duplicate": "held_out.mesh.duplicate_triangles",
+    "held_out_degenerate": "held_out.mesh.degenerate_triangles",
 }
 DISTANCES_MM = (1, 2, 5, 10)
 
