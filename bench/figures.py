@@ -50,13 +50,43 @@ def at_path(measured, path):
 
 
 def figures_of(measured):
-    """Name to number, for one scene."""
+    """Name to number, for one scene. What was not measured has no figure; `figures` among the measurements are taken as they
+    are."""
     figures = {name: at_path(measured, path) for name, path in PATHS.items()}
-    figures["peak_rss_mb"] = measured["run"]["peak_rss_bytes"] / 1e6
-    mesh = measured["evaluation"]["mesh"]
-    if mesh["self_intersecting_triangles"] is not None and mesh["triangles"]:
-        figures["self_intersecting_percent"] = 100 * mesh["self_intersecting_triangles"] / mesh["triangles"]
-    for distance in measured["evaluation"]["distances"]:
-        figures[f"f_score_{distance['at_mm']:g}"] = distance["f_score_percent"]
-        figures[f"completeness_{distance['at_mm']:g}"] = distance["completeness_percent"]
+    if "run" in measured:
+        figures["peak_rss_mb"] = measured["run"]["peak_rss_bytes"] / 1e6
+    evaluation = measured.get("evaluation")
+    if evaluation:
+        mesh = evaluation["mesh"]
+        if mesh["self_intersecting_triangles"] is not None and mesh["triangles"]:
+            figures["self_intersecting_percent"] = 100 * mesh["self_intersecting_triangles"] / mesh["triangles"]
+        for distance in evaluation.get("distances") or []:
+            figures[f"f_score_{distance['at_mm']:g}"] = distance["f_score_percent"]
+            figures[f"completeness_{distance['at_mm']:g}"] = distance["completeness_percent"]
+    if figures["bias_mm"] is not None:
+        figures["bias_absolute_mm"] = abs(figures["bias_mm"])
+    figures.update(measured.get("figures", {}))
     return {name: figure for name, figure in figures.items() if figure is not None}
+
+
+def ratio(a, b):
+    return a / b if a is not None and b else None
+
+
+def figures_beside_peers(by_program):
+    """Of one scene of bench/peers: lapseam against the others of the same run."""
+    ran = {key: result for key, result in by_program.items() if not result.get("failed")}
+    out = {}
+    if "lapseam" not in ran:
+        return out
+    ours = ran["lapseam"]
+    for key in ("tsdf20", "tsdf10"):
+        if key in ran:
+            out[f"wall_over_{key}"] = ratio(ours["median"]["wall_s"], ran[key]["median"]["wall_s"])
+            out[f"peak_over_{key}"] = ratio(ours["median"]["peak_rss_bytes"], ran[key]["median"]["peak_rss_bytes"])
+    for name, best in (("median_mm", min), ("within_percent", max), ("miss_percent", min)):
+        theirs = [ran[key]["figures"].get(f"held_out_{name}") for key in ("tsdf20", "tsdf10") if key in ran]
+        mine = ours["figures"].get(f"held_out_{name}")
+        if mine is not None and theirs and None not in theirs:
+            out[f"held_out_{name}_over_tsdf"] = mine - best(theirs)
+    return {name: figure for name, figure in out.items() if figure is not None}
