@@ -117,22 +117,52 @@ def stages_of(lines, samples):
     return list(stages.values())
 
 
-def interleaved(cases, repeat, measure):
+def interleaved(cases, repeat, measure, journal=None):
     """measure(case) `repeat` times each, a round of all cases after the other, so that what else the machine does falls
-    on all alike. Lists by case; an empty one for a case that failed."""
-    results = {case: [] for case in cases}
-    broken = set()
-    for _ in range(repeat):
+    on all alike. Lists by case; an empty one for a case that failed. A journal is a file to which each measurement is added
+    as it is made; those that it holds already are not made again."""
+    results, broken = read_journal(cases, journal)
+    for made in results.values():
+        made += [None] * (repeat - len(made))
+    for turn in range(repeat):
         for case in cases:
-            if case in broken:
+            if case in broken or results[case][turn] is not None:
                 continue
             try:
-                results[case].append(measure(case))
+                results[case][turn] = measure(case)
+                add_to_journal(journal, case, results[case][turn])
             except Failed as failure:
                 say(f"{case}: failed: {failure}")
                 broken.add(case)
-                results[case] = []
-    return results
+                add_to_journal(journal, case, None)
+    return {case: [] if case in broken else made[:repeat] for case, made in results.items()}
+
+
+def read_journal(cases, journal):
+    results, broken = {case: [] for case in cases}, set()
+    for line in journal.read_text().splitlines() if journal and journal.exists() else []:
+        entry = json.loads(line)
+        case = tuple(entry["case"]) if isinstance(entry["case"], list) else entry["case"]
+        if case in results and entry["measured"] is None:
+            broken.add(case)
+        elif case in results:
+            results[case].append(entry["measured"])
+    return results, broken
+
+
+def add_to_journal(journal, case, measured):
+    if journal:
+        journal.parent.mkdir(parents=True, exist_ok=True)
+        with open(journal, "a") as file:
+            file.write(json.dumps({"case": case, "measured": measured}) + "\n")
+
+
+def journal_of(arguments):
+    """Beside the result; begun anew unless --resume says otherwise."""
+    journal = arguments.json.with_name(arguments.json.name + ".runs")
+    if not arguments.resume:
+        journal.unlink(missing_ok=True)
+    return journal
 
 
 def medians(runs, keys=("wall_s", "cpu_s", "peak_rss_bytes")):

@@ -119,6 +119,11 @@ def add_arguments(parser, default):
     parser.add_argument("--build", default=BUILD, type=pathlib.Path, help="folder of the built programs")
 
 
+def add_resume(parser):
+    parser.add_argument("--resume", action="store_true", help="go on with a run that was broken off: what it measured is "
+                        "taken from JSON.runs, so the programs have to be the same")
+
+
 def named_scenes(parser, text):
     names = [name for name in text.split(",") if name]
     for name in names:

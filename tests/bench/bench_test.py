@@ -123,6 +123,21 @@ class Harness(unittest.TestCase):
         self.assertEqual(order, ["a", "bad", "b", "a", "b"])
         self.assertEqual(results, {"a": [1, 4], "bad": [], "b": [3, 5]})
 
+    def test_a_run_that_was_broken_off_goes_on_where_it_was(self):
+        with tempfile.TemporaryDirectory() as folder:
+            journal = pathlib.Path(folder) / "runs"
+            harness.add_to_journal(journal, ("room", 2), 10)
+            harness.add_to_journal(journal, ("room", 1), None)  # failed
+            made = []
+
+            def measure(case):
+                made.append(case)
+                return len(made)
+            results = harness.interleaved([("room", 1), ("room", 2)], 2, measure, journal)
+            self.assertEqual(results, {("room", 1): [], ("room", 2): [10, 1]})
+            self.assertEqual(harness.interleaved([("room", 1), ("room", 2)], 2, measure, journal), results)
+            self.assertEqual(made, [("room", 2)])
+
     def test_cost_of_a_process_is_its_own(self):
         cost = harness.run(sys.executable, "-c", "x = bytearray(200_000_000)")
         self.assertGreater(cost["peak_rss_bytes"], 190e6)
