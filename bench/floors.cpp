@@ -1,6 +1,6 @@
-// floors SCENE [REPEAT]: what no integration of a scene can be faster than on this machine: decoding its range images, and
-// one pass over the samples at memory speed (each read once and written once). Best of REPEAT (3), from the page cache, on
-// one thread and on all. One JSON object on standard output.
+// floors SCENE [REPEAT]: what no integration of a scene can be faster than on this machine: decoding its range images,
+// and one pass over the samples at memory speed (each read once and written once). Best of REPEAT (3), from the page
+// cache, on one thread and on all. One JSON object on standard output.
 
 #include <fmt/format.h>
 
@@ -56,7 +56,8 @@ int main(int count, char** arguments) {
     const double decode_1 = best_seconds(repeat, [&] { decode(scene, one); });
     const double decode_all = best_seconds(repeat, [&] { decode(scene, all); });
     std::vector<float> from, to;
-    for (const RangeImage& image : decode(scene, all)) from.insert(from.end(), image.pixels.begin(), image.pixels.end());
+    for (const RangeImage& image : decode(scene, all))
+      from.insert(from.end(), image.pixels.begin(), image.pixels.end());
     to.resize(from.size());
     const double pass_1 = best_seconds(repeat, [&] { pass_over(from, to, one); });
     const double pass_all = best_seconds(repeat, [&] { pass_over(from, to, all); });

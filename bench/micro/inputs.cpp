@@ -1,4 +1,4 @@
-#include "micro/inputs.h"
+#include "inputs.h"
 
 #include <unistd.h>
 

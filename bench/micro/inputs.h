@@ -1,7 +1,7 @@
 #pragma once
 
-// What the kernels work on: neighbouring views of the furnished room as an RGB-D camera measures it, made when first asked
-// for and then kept, and what each stage makes of them.
+// What the kernels work on: neighbouring views of the furnished room as an RGB-D camera measures it, made when first
+// asked for and then kept, and what each stage makes of them.
 
 #include <filesystem>
 #include <vector>

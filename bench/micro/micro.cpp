@@ -9,6 +9,7 @@
 
 #include "core/parallel.h"
 #include "health/self_intersection.h"
+#include "inputs.h"
 #include "lapseam/close_cracks.h"
 #include "lapseam/context.h"
 #include "lapseam/io.h"
@@ -18,7 +19,6 @@
 #include "lapseam/sew.h"
 #include "lapseam/smooth.h"
 #include "lapseam/triangulate.h"
-#include "micro/inputs.h"
 
 namespace lapseam::bench {
 namespace {
@@ -155,8 +155,7 @@ void CloseCracks(State& state) {
 
 void FindSelfIntersections(State& state) {
   Context context(int(state.range(0)));
-  for (auto _ : state)
-    benchmark::DoNotOptimize(find_self_intersections(mesh().positions_m, mesh().triangles, context));
+  for (auto _ : state) benchmark::DoNotOptimize(find_self_intersections(mesh().positions_m, mesh().triangles, context));
   state.SetItemsProcessed(times(state, mesh().triangle_count()));
 }
 

