@@ -3,6 +3,7 @@
 
 bench_test.py --list prints the tests, bench_test.py Class.test runs one (LAPSEAM_BUILD names the folder of the programs)."""
 
+import argparse
 import importlib.util
 import json
 import os
@@ -225,6 +226,25 @@ class OnATinyScene(unittest.TestCase):
             self.assertLessEqual(max(sample[1] for sample in profile["samples"]), profile["peak_rss_bytes"] + 4e6)
             if picture:
                 self.assertIn("<svg", picture[1].read_text())
+
+    def test_steps_of_the_scorecard(self):
+        scorecard = script("scorecard")
+        name = "tiny_in_color"
+        scenes.SCENES[name] = scenes.Scene("simulate", "sphere", ("--trajectory", "axes", "--views", "6", "--size", "64x48",
+                                                                  "--fov", "40"), hold_out=3)
+        with tempfile.TemporaryDirectory() as folder:
+            arguments = argparse.Namespace(build=BUILD, data=pathlib.Path("nowhere"), work=pathlib.Path(folder), reuse=False,
+                                           repeat=1, no_texture=False)
+            bench = scorecard.Bench(arguments)
+            scorecard.PLAN[name] = ("mesh", "held_out", "threads", "growth", "texture", "texture_steps", "panoramas")
+            try:
+                found = figures.figures_of(bench.measure(name))
+            finally:
+                del scorecard.PLAN[name], scenes.SCENES[name]
+        for figure in ("wall_s", "peak_rss_mb", "nonmanifold", "f_score_5", "bias_absolute_mm", "held_out_median_mm",
+                       "held_out_nonmanifold", "threads_wall", "growth_wall", "growth_cpu", "growth_peak", "psnr_db",
+                       "psnr_plain_db", "texture_over_integration", "atlas_fill_percent", "texture_scale", "texture_peak_mb"):
+            self.assertIsInstance(found[figure], (int, float), figure)
 
     def test_peers_lapseam_alone(self):
         with tempfile.TemporaryDirectory() as name:
