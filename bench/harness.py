@@ -38,10 +38,15 @@ def run(*command, timeout_s=None, environment=None):
         if timeout_s:
             timer = threading.Timer(timeout_s, os.killpg, (process.pid, signal.SIGKILL))
             timer.start()
-        usage = finish(process)
+        try:
+            usage = finish(process)
+        except BaseException:  # the process has a session of its own: Ctrl-C does not reach it
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
+        finally:
+            if timer:
+                timer.cancel()
         wall_s = time.monotonic() - begin
-        if timer:
-            timer.cancel()
         if process.returncode:
             messages.seek(0)
             why = f"took over {timeout_s} s" if timeout_s and wall_s >= timeout_s else f"exit code {process.returncode}"

@@ -1,6 +1,7 @@
 """Range images of a lapseam manifest for Open3D: pinhole views in 16-bit PNG, z. Needs Debian's python3-open3d, hence the
 system's own Python."""
 import json
+from pathlib import Path
 
 import numpy as np
 import open3d as o3d
@@ -41,7 +42,6 @@ def T_view_world(view):
 
 
 def add_arguments(parser):
-    from pathlib import Path
     parser.add_argument("scene", type=Path)
     parser.add_argument("-o", "--output", required=True)
     parser.add_argument("--hold-out", type=int, default=0, help="leave out every Nth view, from the first")

@@ -3,7 +3,7 @@ import dataclasses
 import json
 import pathlib
 
-from harness import Failed, run, write_json
+from harness import BUILD, DATA, Failed, run, write_json
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,7 +112,6 @@ def part(scene_file, count, how, folder):
 
 def add_arguments(parser, default):
     """The options that name scenes, data and programs, alike in all benchmarks."""
-    from harness import BUILD, DATA
     parser.add_argument("--scenes", default=default, help=f"names, with commas ({default}): " + ", ".join(SCENES))
     parser.add_argument("--data", default=DATA, type=pathlib.Path, help=f"the shared data sets ({DATA})")
     parser.add_argument("--work", required=True, type=pathlib.Path, help="folder for scenes and results; scenes are kept")

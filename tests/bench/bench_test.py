@@ -97,16 +97,18 @@ class Figures(unittest.TestCase):
         def result(wall_s, off, within):
             return {"median": {"wall_s": wall_s, "peak_rss_bytes": 100},
                     "figures": {"held_out_median_mm": off, "held_out_within_percent": within}}
-        found = figures.figures_beside_peers({"lapseam": result(4, 9, 70), "tsdf20": result(8, 8, 75), "tsdf10": result(16, 7, 80)})
+        ours = result(4, 9, 70)
+        found = figures.figures_beside_peers({"lapseam": ours, "tsdf20": result(8, 8, 75), "tsdf10": result(16, 7, 80)})
         self.assertEqual((found["wall_over_tsdf20"], found["wall_over_tsdf10"]), (0.5, 0.25))
         self.assertEqual((found["held_out_median_mm_over_tsdf"], found["held_out_within_percent_over_tsdf"]), (2, -10))
-        self.assertEqual(figures.figures_beside_peers({"lapseam": result(4, 9, 70), "tsdf20": {"failed": True}}), {})
+        self.assertEqual(figures.figures_beside_peers({"lapseam": ours, "tsdf20": {"failed": True}}), {})
 
 
 class Harness(unittest.TestCase):
     def test_stages_of_a_name_add_up_and_their_peak_is_of_their_own_time(self):
         lines = [(1.0, '{"event":"begin","stage":"a","seconds":0}'), (2.0, '{"event":"end","stage":"a","seconds":1}'),
-                 (3.0, '{"event":"end","stage":"b","seconds":1}'), (4.0, '{"event":"end","stage":"a","seconds":1}'), (4.1, "talk")]
+                 (3.0, '{"event":"end","stage":"b","seconds":1}'), (4.0, '{"event":"end","stage":"a","seconds":1}'),
+                 (4.1, "talk")]
         samples = [(1.5, 10, 1), (2.5, 99, 1), (3.5, 20, 1)]
         stages = {s["name"]: s for s in harness.stages_of(lines, samples)}
         self.assertEqual((stages["a"]["seconds"], stages["a"]["peak_rss_bytes"]), (2, 20))
