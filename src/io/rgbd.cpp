@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "io/codecs.h"
+#include "io/npy.h"
 #include "io/output_file.h"
 #include "io/text_scan.h"
 
@@ -55,7 +56,8 @@ ViewDraft depth_draft(const Source& depth, double scale_m, const PinholeSensor& 
   view.range.scale_m = scale_m;
   view.range.invalid_values = {65535};
   if (!std::filesystem::exists(depth.file)) depth.refuse("depth", "no such file");
-  const ImageSize size = probe_png(depth).size;
+  const bool is_npy = recognise_file(depth.file) == FileKind::kNpy;
+  const ImageSize size = is_npy ? probe_npy(depth) : probe_png(depth).size;
   view.sensor = size == ImageSize{camera.width, camera.height} ? camera : resized(camera, size);
   return draft;
 }

@@ -18,7 +18,7 @@ PinholeSensor resized(const PinholeSensor& sensor, ImageSize size);
 /// A colour image that shows what the depth camera sees, at any resolution.
 ColorSource registered_color(const Source& source, const PinholeSensor& depth_camera);
 
-/// A draft of a view with a 16-bit PNG along z, whose camera has the size of the image.
+/// A draft of a view with a 16-bit PNG or .npy along z, whose camera has the size of the image.
 ViewDraft depth_draft(const Source& depth, double scale_m, const PinholeSensor& camera,
                       const Eigen::Isometry3d& T_world_view);
 
