@@ -32,6 +32,11 @@ struct Case {
   double quantum_m;
 };
 
+std::string name_of(const testing::TestParamInfo<Case>& info) {
+  const std::string name = info.param.name;
+  return name.starts_with("a.") ? name.substr(2) : name;
+}
+
 class SameMesh : public testing::TestWithParam<Case> {};
 
 TEST_P(SameMesh, WithinTheQuantum) {
@@ -57,10 +62,7 @@ INSTANTIATE_TEST_SUITE_P(Formats, SameMesh,
                                          Case{SceneFormat::kPcd, "pcd", 2e-6}, Case{SceneFormat::kTum, "tum", 2e-4},
                                          Case{SceneFormat::kRedwood, "redwood", 1e-3},
                                          Case{SceneFormat::kNerfstudio, "nerfstudio", 1e-3}),
-                         [](const auto& info) {
-                           const std::string name = info.param.name;
-                           return name.starts_with("a.") ? name.substr(2) : name;
-                         });
+                         name_of);
 
 }  // namespace
 }  // namespace lapseam::test
