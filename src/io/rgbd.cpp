@@ -38,7 +38,7 @@ PinholeSensor resized(const PinholeSensor& sensor, ImageSize size) {
 ColorSource registered_color(const Source& source, const PinholeSensor& depth_camera) {
   ColorSource color;
   color.file = source.file;
-  if (std::filesystem::exists(source.file) && !std::filesystem::is_regular_file(source.file))
+  if (is_there(source.file) && !is_regular(source.file))
     source.refuse("color", "this is no regular file");
   const ImageSize size = probe_color_size(source);
   const bool is_same = size == ImageSize{depth_camera.width, depth_camera.height};
@@ -57,9 +57,9 @@ ViewDraft depth_draft(const Source& depth, double scale_m, const PinholeSensor& 
   view.range.format = RangeFormat::kPng16;
   view.range.scale_m = scale_m;
   view.range.invalid_values = {65535};
-  if (!std::filesystem::exists(depth.file)) depth.refuse("depth", "no such file");
+  if (!is_there(depth.file)) depth.refuse("depth", "no such file");
   // A pipe or a device, named by a damaged file, could keep us waiting for ever.
-  if (!std::filesystem::is_regular_file(depth.file)) depth.refuse("depth", "this is no regular file");
+  if (!is_regular(depth.file)) depth.refuse("depth", "this is no regular file");
   const bool is_npy = recognise_file(depth.file) == FileKind::kNpy;
   const ImageSize size = is_npy ? probe_npy(depth) : probe_png(depth).size;
   view.sensor = size == ImageSize{camera.width, camera.height} ? camera : resized(camera, size);

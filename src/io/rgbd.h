@@ -9,6 +9,17 @@
 
 namespace lapseam {
 
+/// Whether a file that another file names is there. Names in damaged files may be such that the system refuses to look,
+/// too long for one: then it is not.
+inline bool is_there(const std::filesystem::path& file) {
+  std::error_code ignored;
+  return std::filesystem::exists(file, ignored);
+}
+inline bool is_regular(const std::filesystem::path& file) {
+  std::error_code ignored;
+  return std::filesystem::is_regular_file(file, ignored);
+}
+
 /// All numbers of a small text file; there must be `count`.
 std::vector<double> read_numbers(const Source& source, const std::string& field, std::size_t count);
 

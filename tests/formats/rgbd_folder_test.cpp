@@ -98,6 +98,20 @@ TEST(Redwood, MistakesAreNamed) {
   expect_refused([&] { read_scene(folder / "red", {}, context); }, {"camera_intrinsic.json", "intrinsic_matrix"});
 }
 
+TEST(Tum, NamesOfAnyLengthAreRefusedInOneLine) {
+  // Found by the fuzzer: the system does not even look for a name of so many letters, and says so in its own way.
+  const TempFolder folder;
+  Context context(1);
+  const std::string name(5000, 'x');
+  write_bytes(folder / "depth.txt", "1.0 " + name + "\n");
+  write_bytes(folder / "groundtruth.txt", "1.0 0 0 0 0 0 0 1\n");
+  expect_refused([&] { read_scene(folder / "", {}, context); }, {"no such file"});
+  write_bytes(folder / "transforms.json",
+              R"({"fl_x": 8, "cx": 2, "cy": 1.5, "w": 4, "h": 3, "frames": [{"depth_file_path": ")" + name +
+                  R"(", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]})");
+  expect_refused([&] { read_scene(folder / "transforms.json", {}, context); }, {"no such file"});
+}
+
 template <typename Stored>
 std::string npy(const std::string& header, const std::vector<Stored>& values) {
   std::string bytes = "\x93NUMPY\x01";
