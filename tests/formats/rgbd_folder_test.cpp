@@ -98,7 +98,7 @@ TEST(Redwood, MistakesAreNamed) {
   expect_refused([&] { read_scene(folder / "red", {}, context); }, {"camera_intrinsic.json", "intrinsic_matrix"});
 }
 
-TEST(Tum, NamesOfAnyLengthAreRefusedInOneLine) {
+TEST(RgbdNames, OfAnyLengthAreRefusedInOneLine) {
   // Found by the fuzzer: the system does not even look for a name of so many letters, and says so in its own way.
   const TempFolder folder;
   Context context(1);

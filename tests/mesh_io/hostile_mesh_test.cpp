@@ -122,7 +122,7 @@ TEST_F(HostileMesh, ObjTextureThatIsNoImage) {
 TEST_F(HostileMesh, ObjThatNamesAPipeOrADevice) {
   // Found by the fuzzer: without a writer the pipe, and the device without an end, would be read for ever.
   ASSERT_EQ(mkfifo(path("pipe").c_str(), 0600), 0);
-  for (const std::string library : {path("pipe").string(), std::string("/dev/zero")})
+  for (const std::string& library : {path("pipe").string(), std::string("/dev/zero")})
     EXPECT_THROW(read_mesh(write("a.obj", "mtllib " + library + "\nv 0 0 0\n")), IoError) << library;
   write("m.mtl", "newmtl a\nmap_Kd /dev/zero\n");
   EXPECT_THROW(read_mesh(write("a.obj", "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\n")),
