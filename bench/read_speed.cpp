@@ -1,4 +1,4 @@
-// read_speed FILE [THREADS]: how fast a file of scans opens (sensors are found) and loads (ranges are read), from the
+// read_speed SCENE [THREADS]: how fast a scene opens (sensors are found in scans) and loads (ranges are read), from the
 // page cache. Wall clock, and time of all cores together, which other programs on the machine disturb less.
 
 #include <fmt/format.h>
@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstdlib>
 #include <ctime>
+#include <set>
 
 #include "core/parallel.h"
 #include "lapseam/context.h"
@@ -21,7 +22,7 @@ double seconds_since(std::chrono::steady_clock::time_point begin) {
 
 int main(int count, char** arguments) {
   if (count < 2) {
-    fmt::print(stderr, "read_speed FILE [THREADS]\n");
+    fmt::print(stderr, "read_speed SCENE [THREADS]\n");
     return 2;
   }
   try {
@@ -41,7 +42,10 @@ int main(int count, char** arguments) {
     const double load_core_s = double(std::clock() - load_begin) / CLOCKS_PER_SEC;
     std::uint64_t sum = 0;
     for (const std::uint64_t n : samples) sum += n;
-    const double megabytes = double(std::filesystem::file_size(arguments[1])) / 1e6;
+    std::set<std::filesystem::path> files;
+    for (const lapseam::ViewSource& view : scene.views) files.insert(view.range.file);
+    double megabytes = 0;
+    for (const std::filesystem::path& file : files) megabytes += double(std::filesystem::file_size(file)) / 1e6;
     fmt::print("{} views, {:.2f} M points, {:.0f} MB\n", scene.views.size(), double(sum) / 1e6, megabytes);
     const auto print = [&](const char* what, double wall_s, double core_s) {
       fmt::print("{}: {:.2f} s ({:.0f} MB/s, {:.2f} M points/s); per core {:.0f} MB/s, {:.2f} M points/s\n", what,

@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 
 #include "lapseam/image.h"
 #include "lapseam/mesh.h"
@@ -45,6 +46,12 @@ Image<std::uint16_t> read_png16(const std::filesystem::path& file);
 /// given.
 void write_range_exr(const std::filesystem::path& file, const RangeImage& range, const Sensor& sensor,
                      const Eigen::Isometry3d& T_world_view, const ColorImage* color = nullptr);
+
+// ---- text
+
+/// A report, a table. The name shows it only when it is complete: what was there before stays until then, and after a
+/// failure. A device or a pipe is written to directly. Throws IoError.
+void write_text(const std::filesystem::path& file, std::string_view text);
 
 // ---- meshes
 

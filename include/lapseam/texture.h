@@ -46,7 +46,8 @@ struct TextureReport {
 /// Gives each triangle coordinates in one of the images that show it wholly and unoccluded, and packs what is used of
 /// all images into pages: pixels are copied, not resampled, unless a limit, or a large triangle under perspective,
 /// demands it. Triangles that no image shows have no page; then the mesh gets vertex colours, which continue those
-/// around them. `sources[i]` is view i of the mesh's provenance; views without colour are no candidates. The mesh's
+/// around them. `sources[i]` is view i of the mesh's provenance; views without colour are no candidates,
+/// those with several images are one for each. The mesh's
 /// provenance stays as it is; without it, any view may show any triangle. Images are decoded at most twice, one per
 /// thread at a time; memory otherwise: the pages, and about 100 bytes a triangle. The same bytes for any number of
 /// threads. Throws InvalidInput when a limit cannot be met, and what load_color throws.

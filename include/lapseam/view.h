@@ -16,7 +16,7 @@
 
 namespace lapseam {
 
-enum class RangeFormat { kPng16, kExr, kStanfordGrid, kMemory, kE57, kPtx, kPcd, kSens, kColmapDepth };
+enum class RangeFormat { kPng16, kExr, kStanfordGrid, kMemory, kE57, kPtx, kPcd, kSens, kColmapDepth, kNpy };
 /// What a stored value means for a pinhole or spherical sensor; converted to the sensor's own r when loaded.
 enum class RangeQuantity { kZ, kDistance };
 
@@ -60,6 +60,8 @@ struct ViewSource {
   std::optional<PoseCovariance> pose_covariance;  ///< as registration left it
   RangeSource range;
   std::optional<ColorSource> color;
+  /// Further images, where `color` is one (E57 files have several for a scan); texture() chooses among them all.
+  std::vector<ColorSource> more_colors;
   std::optional<NoiseModel> noise;
 };
 

@@ -278,7 +278,7 @@ Scene read_colmap(const fs::path& folder, const ReadSceneOptions& options, Conte
     fs::path depth;
     // Geometrically consistent depth is worth more than photometric depth.
     for (const char* kind : {".geometric.bin", ".photometric.bin"})
-      if (depth.empty() && fs::exists(layout.depth_maps / (image.name + kind)))
+      if (depth.empty() && is_there(layout.depth_maps / (image.name + kind)))
         depth = layout.depth_maps / (image.name + kind);
     if (depth.empty() && ++without_depth) continue;
     builder.add([&] {
@@ -295,7 +295,7 @@ Scene read_colmap(const fs::path& folder, const ReadSceneOptions& options, Conte
       const PinholeSensor& full = camera->second;
       const PinholeSensor sensor = size == ImageSize{full.width, full.height} ? full : resized(full, size);
       draft.view.sensor = sensor;
-      if (fs::exists(layout.images / image.name))
+      if (is_there(layout.images / image.name))
         draft.view.color = registered_color({layout.images / image.name, image.name}, sensor);
       return draft;
     });

@@ -104,6 +104,9 @@ class Converter {
   }
 
   void add(const LoadedView& loaded) {
+    const std::size_t further = loaded.color ? loaded.source.more_colors.size() : 0;
+    if (further > 0)
+      context_.warn(loaded.view.name + ": " + std::to_string(further) + " further images of the scan are left out");
     writer_.add(loaded);
     ++report_.views;
     report_.with_color += loaded.color.has_value();

@@ -11,7 +11,7 @@ namespace {
 
 std::vector<GridSample> collect(const GridScan& scan, std::vector<Rgb8>* colors, MissingSamples* missing) {
   std::vector<GridSample> samples;
-  const MissingSamples counted = scan.visit([&](const GridSample& sample, Rgb8 color) {
+  const MissingSamples counted = scan.visit(colors != nullptr, [&](const GridSample& sample, Rgb8 color) {
     samples.push_back(sample);
     if (colors) colors->push_back(color);
   });
@@ -20,9 +20,10 @@ std::vector<GridSample> collect(const GridScan& scan, std::vector<Rgb8>* colors,
 }
 
 /// The scan's samples with a pixel each, whether the file gives them one or not.
-void visit_pixels(const Source& source, const GridScan& scan, MissingSamples& missing, const GridScan::Visit& visit) {
+void visit_pixels(const Source& source, const GridScan& scan, bool with_color, MissingSamples& missing,
+                  const GridScan::Visit& visit) {
   if (scan.size()) {
-    missing = scan.visit(visit);
+    missing = scan.visit(with_color, visit);
     return;
   }
   std::vector<Rgb8> colors;
@@ -32,11 +33,11 @@ void visit_pixels(const Source& source, const GridScan& scan, MissingSamples& mi
     samples[i].u >= 0 ? visit(samples[i], colors[i]) : void(++missing.surplus);
 }
 
-Sensor find_sensor(const Source& source, const GridScan& scan) {
+Sensor find_sensor(const Source& source, const GridScan& scan, Context& context) {
   if (const auto size = scan.size()) {
-    return fit_grid_sensor(source, *size, [&](const VisitSample& visit) {
-      scan.visit([&](const GridSample& sample, Rgb8) { visit(sample); });
-    });
+    const SamplePieces samples{scan.pieces(),
+                               [&](std::size_t piece, const VisitSample& visit) { scan.visit_piece(piece, visit); }};
+    return fit_grid_sensor(source, *size, samples, context);
   }
   // Without a place to look from, points have no directions.
   if (!scan.T_world_scan())
@@ -47,11 +48,15 @@ Sensor find_sensor(const Source& source, const GridScan& scan) {
 
 }  // namespace
 
-std::unique_ptr<GridScan> open_scan(const Source& source, RangeFormat format, std::uint32_t index,
-                                    std::uint64_t offset) {
+void GridScan::visit_piece(std::size_t, const VisitSample& visit) const {
+  this->visit(false, [&](const GridSample& sample, Rgb8) { visit(sample); });
+}
+
+std::unique_ptr<GridScan> open_scan(const Source& source, RangeFormat format, std::uint32_t index, std::uint64_t offset,
+                                    std::optional<ImageSize> known_size, Context* context) {
   switch (format) {
     case RangeFormat::kE57:
-      return open_e57_scan(source, index);
+      return open_e57_scan(source, index, known_size, context);
     case RangeFormat::kPtx:
       return open_ptx_scan(source, index, offset);
     case RangeFormat::kPcd:
@@ -65,10 +70,10 @@ bool holds_scans(RangeFormat format) {
   return format == RangeFormat::kE57 || format == RangeFormat::kPtx || format == RangeFormat::kPcd;
 }
 
-void complete_from_scan(const Source& source, const GridScan& scan, ViewDraft& draft) {
+void complete_from_scan(const Source& source, const GridScan& scan, ViewDraft& draft, Context& context) {
   ViewSource& view = draft.view;
   if (view.sensor) source.refuse("sensor", "a scan is its own sensor; its model must be in_file");
-  view.sensor = find_sensor(source, scan);
+  view.sensor = find_sensor(source, scan, context);
   if (!draft.has_pose) {
     // A grid alone, without a pose, is one view at the world's origin.
     view.T_world_view = scan.T_world_scan().value_or(Eigen::Isometry3d::Identity());
@@ -83,10 +88,15 @@ void complete_from_scan(const Source& source, const GridScan& scan, ViewDraft& d
 }
 
 void load_scan(const Source& source, const GridScan& scan, const std::optional<Sensor>& sensor, View& view) {
-  view.sensor = sensor ? *sensor : find_sensor(source, scan);
+  if (sensor) {
+    view.sensor = *sensor;
+  } else {
+    Context context(1);
+    view.sensor = find_sensor(source, scan, context);
+  }
   view.range = RangeImage(width(view.sensor), height(view.sensor), kInvalidRange);
   std::uint64_t samples = 0;
-  visit_pixels(source, scan, view.missing, [&](const GridSample& sample, Rgb8) {
+  visit_pixels(source, scan, false, view.missing, [&](const GridSample& sample, Rgb8) {
     if (sample.u >= view.range.width || sample.v >= view.range.height)
       source.refuse("points", "the file has changed while it was read");
     float& r = view.range.at(sample.u, sample.v);
@@ -102,7 +112,7 @@ ColorImage load_scan_color(const Source& source, const GridScan& scan, const Sen
   if (!scan.has_color()) source.refuse("color", "the scan has no colours");
   ColorImage image(width(camera), height(camera));
   MissingSamples ignored;
-  visit_pixels(source, scan, ignored, [&](const GridSample& sample, Rgb8 color) {
+  visit_pixels(source, scan, true, ignored, [&](const GridSample& sample, Rgb8 color) {
     if (sample.u < image.width && sample.v < image.height) image.at(sample.u, sample.v) = color;
   });
   return image;

@@ -22,16 +22,21 @@ class GridScan {
   virtual std::optional<Eigen::Isometry3d> T_world_scan() const = 0;
   virtual bool has_color() const = 0;
   /// The valid samples in the file's order, the first of each pixel. Counts the others; `absent` is left to the caller.
-  virtual MissingSamples visit(const Visit& visit) const = 0;
+  /// Without colours, which may cost time, all are black.
+  virtual MissingSamples visit(bool with_color, const Visit& visit) const = 0;
+  /// How many pieces there are that may be visited side by side; together they are all valid samples.
+  virtual std::size_t pieces() const { return 1; }
+  virtual void visit_piece(std::size_t piece, const VisitSample& visit) const;
 };
 
-/// The format's own scan, by RangeSource::format, index and offset.
-std::unique_ptr<GridScan> open_scan(const Source& source, RangeFormat format, std::uint32_t index,
-                                    std::uint64_t offset);
+/// The format's own scan, by RangeSource::format, index and offset. Opening may pass over all points to find the grid's
+/// size, in parallel where there is a context; not where the size is known from before.
+std::unique_ptr<GridScan> open_scan(const Source& source, RangeFormat format, std::uint32_t index, std::uint64_t offset,
+                                    std::optional<ImageSize> known_size, Context* context);
 bool holds_scans(RangeFormat format);
 
 /// Finds sensor and pose of the draft's scan, and its colours where there is no other colour image.
-void complete_from_scan(const Source& source, const GridScan& scan, ViewDraft& draft);
+void complete_from_scan(const Source& source, const GridScan& scan, ViewDraft& draft, Context& context);
 /// Range image and counts; view.sensor is the one that complete_from_scan has found, or is found now.
 void load_scan(const Source& source, const GridScan& scan, const std::optional<Sensor>& sensor, View& view);
 /// The scan's own colours, in its grid.

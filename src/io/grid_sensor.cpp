@@ -7,6 +7,8 @@
 #include <numbers>
 #include <optional>
 
+#include "core/parallel.h"
+
 namespace lapseam {
 namespace {
 
@@ -36,6 +38,19 @@ struct Angle {
     mean_rad += shift;
     square += w * off * (off - shift);
   }
+
+  /// What the other one has seen, too (Chan, Golub and LeVeque 1983).
+  void add(const Angle& other) {
+    if (!(other.weight > 0)) return;
+    if (!(weight > 0)) {
+      *this = other;
+      return;
+    }
+    const double off = wrapped(other.mean_rad - mean_rad), shift = off * (other.weight / (weight + other.weight));
+    square += other.square + weight * off * shift;
+    mean_rad += shift;
+    weight += other.weight;
+  }
 };
 
 /// Least squares of t = scale · s + offset, as the pairs come, and what it leaves over.
@@ -50,6 +65,16 @@ struct Line {
     ss += ds * (s - mean_s);
     st += ds * (t - mean_t);
     tt += dt * (t - mean_t);
+  }
+  void add(const Line& other) {
+    if (other.n == 0) return;
+    const double ds = other.mean_s - mean_s, dt = other.mean_t - mean_t, share = other.n / (n + other.n);
+    ss += other.ss + n * share * ds * ds;
+    st += other.st + n * share * ds * dt;
+    tt += other.tt + n * share * dt * dt;
+    mean_s += share * ds;
+    mean_t += share * dt;
+    n += other.n;
   }
   double scale() const { return st / ss; }
   double offset() const { return mean_t - scale() * mean_s; }
@@ -105,21 +130,27 @@ double mean_step(const std::vector<double>& table) {
 /// Where the tables put a direction, seen from pixel (u, v): on a full circle, the turn that is nearest.
 Vector2d place(const SphericalSensor& tables, bool is_circle, const GridSample& sample) {
   PixelRange found;
-  const Vector3d polar = sample.polar();
-  const double level = std::cos(polar.y());
-  tables.project({level * std::cos(polar.x()), level * std::sin(polar.x()), std::sin(polar.y())}, found);
+  if (sample.is_polar) {
+    const double level = std::cos(sample.stored.y());
+    tables.project(
+        {level * std::cos(sample.stored.x()), level * std::sin(sample.stored.x()), std::sin(sample.stored.y())}, found);
+  } else {
+    tables.project(sample.stored, found);
+  }
   double du = found.u - sample.u;
   if (is_circle) du = std::remainder(du, double(tables.columns()));
   return {du, found.v - sample.v};
 }
 
-void add_warp(SphericalSensor& sensor, const ForEachSample& for_each) {
+void add_warp(SphericalSensor& sensor, const SamplePieces& samples, Context& context) {
   auto warp = std::make_shared<std::vector<Eigen::Vector2f>>(std::size_t(sensor.columns()) * std::size_t(sensor.rows()),
                                                              Eigen::Vector2f::Zero());
   const bool is_circle = sensor.wraps();
-  for_each([&](const GridSample& sample) {
-    const std::size_t i = std::size_t(sample.v) * std::size_t(sensor.columns()) + std::size_t(sample.u);
-    (*warp)[i] = place(sensor, is_circle, sample).cast<float>();
+  parallel_for(context, samples.count, 1, [&](std::size_t piece) {
+    samples.visit(piece, [&](const GridSample& sample) {
+      const std::size_t i = std::size_t(sample.v) * std::size_t(sensor.columns()) + std::size_t(sample.u);
+      (*warp)[i] = place(sensor, is_circle, sample).cast<float>();
+    });
   });
   sensor.warp = std::move(warp);
 }
@@ -132,9 +163,8 @@ class Fitter {
   void add(const GridSample& sample) {
     ++count_;
     const Vector3d polar = sample.polar();
-    const double level = std::cos(polar.y());
     // Near the zenith azimuths mean little; their weight is the distance that they make.
-    azimuths_[std::size_t(sample.u)].add(polar.x(), level * level);
+    azimuths_[std::size_t(sample.u)].add(polar.x(), square_of_level(sample));
     elevations_[std::size_t(sample.v)].add(polar.y(), 1);
     if (!is_before_camera_) return;
     const Vector3d p = sample.point_m();
@@ -142,6 +172,15 @@ class Fitter {
     if (!is_before_camera_) return;
     columns_.add(p.x() / p.z(), sample.u);
     rows_.add(p.y() / p.z(), sample.v);
+  }
+
+  void add(const Fitter& other) {
+    count_ += other.count_;
+    for (std::size_t u = 0; u < azimuths_.size(); ++u) azimuths_[u].add(other.azimuths_[u]);
+    for (std::size_t v = 0; v < elevations_.size(); ++v) elevations_[v].add(other.elevations_[v]);
+    is_before_camera_ = is_before_camera_ && other.is_before_camera_;
+    columns_.add(other.columns_);
+    rows_.add(other.rows_);
   }
 
   std::size_t count() const { return count_; }
@@ -170,6 +209,13 @@ class Fitter {
   }
 
  private:
+  /// cos² of the elevation.
+  static double square_of_level(const GridSample& sample) {
+    if (!sample.is_polar) return sample.stored.head<2>().squaredNorm() / sample.stored.squaredNorm();
+    const double level = std::cos(sample.stored.y());
+    return level * level;
+  }
+
   double spread(const std::vector<Angle>& angles, const std::vector<double>& table) const {
     double square = 0;
     for (std::size_t i = 0; i < angles.size(); ++i) {
@@ -186,15 +232,17 @@ class Fitter {
   Line columns_, rows_;
 };
 
-Sensor fit_measured(const Source& source, ImageSize size, const ForEachSample& for_each) {
+Sensor fit_measured(const Source& source, ImageSize size, const SamplePieces& samples) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   std::vector<Vector3d> points_m(std::size_t(size.width) * std::size_t(size.height), Vector3d(nan, nan, nan));
   Vector3d sum = Vector3d::Zero();
-  for_each([&](const GridSample& sample) {
-    const Vector3d p = sample.point_m();
-    points_m[std::size_t(sample.v) * std::size_t(size.width) + std::size_t(sample.u)] = p;
-    sum += p.normalized();
-  });
+  for (std::size_t piece = 0; piece < samples.count; ++piece) {
+    samples.visit(piece, [&](const GridSample& sample) {
+      const Vector3d p = sample.point_m();
+      points_m[std::size_t(sample.v) * std::size_t(size.width) + std::size_t(sample.u)] = p;
+      sum += p.normalized();
+    });
+  }
   try {
     return fit_measured_grid(size.width, size.height, points_m, sum).sensor;
   } catch (const InvalidInput& error) {
@@ -218,19 +266,27 @@ Vector3d GridSample::polar() const {
           stored.norm()};
 }
 
-Sensor fit_grid_sensor(const Source& source, ImageSize size, const ForEachSample& for_each) {
+Sensor fit_grid_sensor(const Source& source, ImageSize size, const SamplePieces& samples, Context& context) {
   Fitter fitter(size);
-  for_each([&](const GridSample& sample) { fitter.add(sample); });
+  if (samples.count == 1) {
+    samples.visit(0, [&](const GridSample& sample) { fitter.add(sample); });
+  } else {
+    std::vector<Fitter> parts(samples.count, fitter);
+    parallel_for(context, samples.count, 1, [&](std::size_t piece) {
+      samples.visit(piece, [&](const GridSample& sample) { parts[piece].add(sample); });
+    });
+    for (const Fitter& part : parts) fitter.add(part);
+  }
   if (fitter.count() == 0) source.refuse("points", "there is no valid sample");
   if (fitter.count() < kMinSamples)
     source.refuse("points", "only " + std::to_string(fitter.count()) + " valid samples: too few to tell the sensor");
   if (auto pinhole = fitter.pinhole()) return *pinhole;
   double stray_px = 0;
   if (auto polar = fitter.polar(stray_px); polar && stray_px < kLargestStray_px) {
-    if (stray_px > kExact_px) add_warp(*polar, for_each);
+    if (stray_px > kExact_px) add_warp(*polar, samples, context);
     return *polar;
   }
-  return fit_measured(source, size, for_each);
+  return fit_measured(source, size, samples);
 }
 
 float range_of(const Sensor& sensor, const GridSample& sample) {
@@ -361,10 +417,12 @@ SphericalSensor make_polar_grid(const Source& source, std::vector<GridSample>& s
       sample.u = -1;
     }
   }
-  add_warp(sensor, [&](const VisitSample& visit) {
+  Context context(1);
+  const auto visit_all = [&](std::size_t, const VisitSample& visit) {
     for (const GridSample& sample : samples)
       if (sample.u >= 0) visit(sample);
-  });
+  };
+  add_warp(sensor, {1, visit_all}, context);
   return sensor;
 }
 

@@ -7,6 +7,7 @@
 #include <functional>
 
 #include "io/source.h"
+#include "lapseam/context.h"
 #include "lapseam/sensor.h"
 #include "lapseam/view.h"
 
@@ -28,10 +29,16 @@ struct GridSample {
 using VisitSample = std::function<void(const GridSample&)>;
 using ForEachSample = std::function<void(const VisitSample&)>;
 
-/// The sensor whose pixels the samples are. Passes over the samples once; twice where the polar grid is not exact
-/// (each pixel then has its own direction) or no regular sensor fits. Memory is rows and columns, in the second case
-/// 8 bytes, in the third 24 bytes a pixel.
-Sensor fit_grid_sensor(const Source& source, ImageSize size, const ForEachSample& for_each);
+/// Samples in pieces that may be visited side by side. No two samples of several pieces share a pixel.
+struct SamplePieces {
+  std::size_t count = 1;
+  std::function<void(std::size_t piece, const VisitSample&)> visit;
+};
+
+/// The sensor whose pixels the samples are. The same for any number of threads. Passes over the samples once; twice
+/// where the polar grid is not exact (each pixel then has its own direction) or no regular sensor fits. Memory is rows
+/// and columns, in the second case 8 bytes, in the third 24 bytes a pixel.
+Sensor fit_grid_sensor(const Source& source, ImageSize size, const SamplePieces& samples, Context& context);
 
 /// A polar grid for points that have none: steps as wide as the points lie apart, nearest points first where several
 /// share a pixel. u and v of the samples are filled; a sample that lost its pixel to a nearer one gets u = −1.

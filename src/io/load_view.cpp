@@ -6,6 +6,7 @@
 #include "io/colmap.h"
 #include "io/exr.h"
 #include "io/grid_scan.h"
+#include "io/npy.h"
 #include "io/range_grid.h"
 #include "io/sens.h"
 #include "lapseam/io.h"
@@ -55,8 +56,10 @@ RangeImage convert(const Image<Stored>& stored, const RangeSource& source, Missi
   return range;
 }
 
-/// 16-bit images have few values: a table of them all costs less than a test per pixel.
+/// 16-bit images have few values: a table of them all costs less than a test per pixel, unless there are few pixels
+/// too.
 RangeImage convert(const Image<std::uint16_t>& stored, const RangeSource& source, MissingSamples& missing) {
+  if (stored.pixels.size() < 65536) return convert<std::uint16_t>(stored, source, missing);
   std::vector<std::uint32_t> counts(65536);
   for (const std::uint16_t value : stored.pixels) ++counts[value];
   const Converter converter(source);
@@ -79,6 +82,8 @@ RangeImage read_range(const Source& source, const RangeSource& range, MissingSam
       return convert(read_sens_depth(source, range.index, range.offset), range, missing);
     case RangeFormat::kColmapDepth:
       return convert(read_colmap_depth(source), range, missing);
+    case RangeFormat::kNpy:
+      return convert(read_npy(source), range, missing);
     case RangeFormat::kMemory:
       if (!range.memory) source.refuse("range", "held in memory, but there is none");
       return convert(*range.memory, range, missing);
@@ -125,7 +130,8 @@ ColorImage read_color_source(const Source& source, const ViewSource& view) {
     return read_sens_color(source, color.index, color.offset);
   const bool is_of_scan = holds_scans(view.range.format) && color.file == view.range.file && color.index < kImageOfFile;
   if (!is_of_scan) return read_color(source, color.index);
-  const std::unique_ptr<GridScan> scan = open_scan(source, view.range.format, color.index, color.offset);
+  const std::unique_ptr<GridScan> scan = open_scan(source, view.range.format, color.index, color.offset,
+                                                   ImageSize{width(color.camera), height(color.camera)}, nullptr);
   return load_scan_color(source, *scan, color.camera);
 }
 
@@ -143,7 +149,10 @@ View load_view(const ViewSource& view_source) {
     return view;
   }
   if (holds_scans(range.format)) {
-    load_scan(source, *open_scan(source, range.format, range.index, range.offset), view_source.sensor, view);
+    const auto& sensor = view_source.sensor;
+    const auto known_size = sensor ? std::optional<ImageSize>({width(*sensor), height(*sensor)}) : std::nullopt;
+    const auto scan = open_scan(source, range.format, range.index, range.offset, known_size, nullptr);
+    load_scan(source, *scan, sensor, view);
     return view;
   }
   view.range = read_range(source, range, view.missing);

@@ -106,7 +106,7 @@ ViewDraft make_view(const std::filesystem::path& file, const json& document, con
   if (!entry.contains("file_path")) return draft;
   const std::filesystem::path color_file = file.parent_path() / frame.text("file_path");
   // The depth images alone are enough; many tools name colour images that were not copied.
-  if (std::filesystem::exists(color_file)) draft.view.color = registered_color({color_file, name}, camera);
+  if (is_there(color_file)) draft.view.color = registered_color({color_file, name}, camera);
   return draft;
 }
 

@@ -50,8 +50,17 @@ std::string map_file_name(std::string_view words) {
   return std::string(last);
 }
 
+/// Of a file that the OBJ file names, which must be a regular one: a device may have no end, a pipe no writer.
+std::vector<char> read_named_file_bytes(const std::filesystem::path& file) {
+  std::error_code ignored;
+  const std::filesystem::file_status status = std::filesystem::status(file, ignored);
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
+    throw IoError(file, "cannot read: this is no regular file");
+  return read_file_bytes(file);
+}
+
 std::map<std::string, Material> read_materials(const std::filesystem::path& file) {
-  const std::vector<char> bytes = read_file_bytes(file);
+  const std::vector<char> bytes = read_named_file_bytes(file);
   std::map<std::string, Material> materials;
   Material* current = nullptr;
   std::string_view rest(bytes.data(), bytes.size());
@@ -214,7 +223,7 @@ class ObjReader {
 
   std::uint32_t page_of_image(const std::filesystem::path& image) {
     const auto [entry, is_new] = image_pages_.try_emplace(image.string(), std::uint32_t(mesh_.pages.size()));
-    if (is_new) mesh_.pages.push_back(decode_page(read_file_bytes(image), image));
+    if (is_new) mesh_.pages.push_back(decode_page(read_named_file_bytes(image), image));
     return entry->second;
   }
 

@@ -1,10 +1,18 @@
 #include "io/output_file.h"
 
+#include <fcntl.h>
+#include <stdio.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <cerrno>
 #include <cstring>
 #include <system_error>
+#include <utility>
 
 #include "lapseam/error.h"
+#include "lapseam/io.h"
 
 namespace lapseam {
 namespace {
@@ -13,13 +21,47 @@ constexpr std::size_t kBufferBytes = std::size_t(1) << 20;
 
 std::string describe_errno() { return std::generic_category().message(errno); }
 
+std::filesystem::path temporary_name(const std::filesystem::path& target, int attempt) {
+  std::filesystem::path temporary = target;
+  return temporary.replace_filename("." + target.filename().string() + ".part" + std::to_string(attempt));
+}
+
+/// The writer of a temporary file holds a lock on it, which ends with its process, however that ends. What can be
+/// locked was left behind by one that was killed.
+void remove_if_left_behind(const std::filesystem::path& temporary) {
+  const int descriptor = ::open(temporary.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW);
+  if (descriptor < 0) return;
+  struct stat status {};
+  if (::fstat(descriptor, &status) == 0 && S_ISREG(status.st_mode) && ::flock(descriptor, LOCK_EX | LOCK_NB) == 0)
+    ::unlink(temporary.c_str());
+  ::close(descriptor);
+}
+
+/// Locks what was just made; false where another writer took it for left behind, and removed it, a moment before. Where
+/// files cannot be locked nothing is taken for that.
+bool lock(int descriptor, const std::filesystem::path& temporary) {
+  struct stat by_descriptor {
+  }, by_name{};
+  if (::flock(descriptor, LOCK_EX) != 0) return true;
+  return ::fstat(descriptor, &by_descriptor) == 0 && ::stat(temporary.c_str(), &by_name) == 0 &&
+         by_descriptor.st_ino == by_name.st_ino && by_descriptor.st_dev == by_name.st_dev;
+}
+
 /// A new, empty file beside `target`; the name is free because "x" refuses to open what exists.
-std::FILE* open_temporary(const std::filesystem::path& target, std::filesystem::path& temporary) {
+std::FILE* open_temporary(const std::filesystem::path& target, std::filesystem::path& temporary, int& lock_holder) {
+  // As many as writers of one file are likely to have been killed side by side.
+  constexpr int kSweptNames = 8;
+  for (int attempt = 0; attempt < kSweptNames; ++attempt) remove_if_left_behind(temporary_name(target, attempt));
   for (int attempt = 0; attempt < 10000; ++attempt) {
-    temporary = target;
-    temporary.replace_filename("." + target.filename().string() + ".part" + std::to_string(attempt));
-    std::FILE* stream = std::fopen(temporary.c_str(), "wbx");
-    if (stream || errno != EEXIST) return stream;
+    temporary = temporary_name(target, attempt);
+    std::FILE* stream = std::fopen(temporary.c_str(), "wbxe");
+    if (!stream && errno != EEXIST) return nullptr;
+    if (!stream) continue;
+    // A second descriptor keeps the lock from when the stream is closed to when the file has its name.
+    lock_holder = ::fcntl(fileno(stream), F_DUPFD_CLOEXEC, 0);
+    if (lock(fileno(stream), temporary)) return stream;
+    std::fclose(stream);
+    if (lock_holder >= 0) ::close(std::exchange(lock_holder, -1));
   }
   return nullptr;
 }
@@ -35,7 +77,7 @@ OutputFile::OutputFile(const std::filesystem::path& file) : file_(file), target_
   const std::filesystem::file_status status = std::filesystem::status(target_, ignored);
   if (std::filesystem::is_directory(status)) throw IoError(file_, "cannot write: this is a folder");
   const bool write_directly = std::filesystem::exists(status) && !std::filesystem::is_regular_file(status);
-  stream_ = write_directly ? std::fopen(target_.c_str(), "wb") : open_temporary(target_, temporary_);
+  stream_ = write_directly ? std::fopen(target_.c_str(), "wb") : open_temporary(target_, temporary_, lock_holder_);
   if (!stream_) {
     const std::string problem = "cannot write: " + describe_errno();
     temporary_.clear();
@@ -49,6 +91,7 @@ OutputFile::~OutputFile() {
   if (stream_) std::fclose(stream_);
   std::error_code ignored;
   if (!temporary_.empty()) std::filesystem::remove(temporary_, ignored);
+  if (lock_holder_ >= 0) ::close(lock_holder_);
 }
 
 void OutputFile::fail(const char* action) { throw IoError(file_, std::string(action) + ": " + describe_errno()); }
@@ -92,6 +135,12 @@ void OutputFile::commit() {
   if (temporary_.empty()) return;
   if (std::rename(temporary_.c_str(), target_.c_str()) != 0) fail("cannot rename the finished file");
   temporary_.clear();
+}
+
+void write_text(const std::filesystem::path& file, std::string_view text) {
+  OutputFile out(file);
+  out.write(text);
+  out.commit();
 }
 
 std::vector<char> read_file_bytes(const std::filesystem::path& file) {

@@ -1,7 +1,8 @@
 #pragma once
 
 // Writes a file so that its name never shows half of it: the bytes go to a temporary name in the same folder, which is
-// renamed at the end and removed on failure. All failures are IoError with the path that was asked for.
+// renamed at the end and removed on failure. What a killed process left behind is removed by the next writer of the
+// name. All failures are IoError with the path that was asked for.
 
 #include <cstdio>
 #include <filesystem>
@@ -49,6 +50,7 @@ class OutputFile {
   std::filesystem::path target_;
   std::filesystem::path temporary_;  ///< empty when written directly, or when committed
   std::FILE* stream_ = nullptr;
+  int lock_holder_ = -1;  ///< says that the temporary file's writer lives
   std::vector<char> buffer_;
   std::size_t buffered_ = 0;
 };

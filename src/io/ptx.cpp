@@ -81,7 +81,7 @@ class PtxScan : public GridScan {
   bool has_color() const override { return true; }  // the intensity is one
   std::uint64_t body_offset() const { return body_offset_; }
 
-  MissingSamples visit(const Visit& visit) const override {
+  MissingSamples visit(bool, const Visit& visit) const override {
     LineReader lines(source_, body_offset_);
     MissingSamples missing;
     GridSample sample;

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "io/codecs.h"
+#include "io/npy.h"
 #include "io/output_file.h"
 #include "io/text_scan.h"
 
@@ -37,6 +38,8 @@ PinholeSensor resized(const PinholeSensor& sensor, ImageSize size) {
 ColorSource registered_color(const Source& source, const PinholeSensor& depth_camera) {
   ColorSource color;
   color.file = source.file;
+  if (is_there(source.file) && !is_regular(source.file))
+    source.refuse("color", "this is no regular file");
   const ImageSize size = probe_color_size(source);
   const bool is_same = size == ImageSize{depth_camera.width, depth_camera.height};
   color.camera = is_same ? depth_camera : resized(depth_camera, size);
@@ -54,8 +57,11 @@ ViewDraft depth_draft(const Source& depth, double scale_m, const PinholeSensor& 
   view.range.format = RangeFormat::kPng16;
   view.range.scale_m = scale_m;
   view.range.invalid_values = {65535};
-  if (!std::filesystem::exists(depth.file)) depth.refuse("depth", "no such file");
-  const ImageSize size = probe_png(depth).size;
+  if (!is_there(depth.file)) depth.refuse("depth", "no such file");
+  // A pipe or a device, named by a damaged file, could keep us waiting for ever.
+  if (!is_regular(depth.file)) depth.refuse("depth", "this is no regular file");
+  const bool is_npy = recognise_file(depth.file) == FileKind::kNpy;
+  const ImageSize size = is_npy ? probe_npy(depth) : probe_png(depth).size;
   view.sensor = size == ImageSize{camera.width, camera.height} ? camera : resized(camera, size);
   return draft;
 }

@@ -93,7 +93,11 @@ class PtxWriter : public SceneWriter {
   Text text_;
 };
 
-/// Organised clouds, one file a view, binary, in the world; the viewpoint is the pose.
+// Farther from the world's origin than this, single precision is off by more than 0.1 mm.
+constexpr double kFar_m = 1000;
+
+/// Organised clouds, one file a view, binary, in the world; the viewpoint is the pose. Coordinates are floats, as all
+/// programs read them, and doubles only far from the origin, where floats would say nothing.
 class PcdWriter : public SceneWriter {
  public:
   explicit PcdWriter(const std::filesystem::path& folder) : folder_(folder) {}
@@ -102,15 +106,16 @@ class PcdWriter : public SceneWriter {
     const View& view = loaded.view;
     const ColorImage* color = has_registered_color(loaded) ? &*loaded.color : nullptr;
     OutputFile out(folder_ / (loaded.file_stem + ".pcd"));
-    out.write(header(view, color != nullptr));
-    const float nan = std::numeric_limits<float>::quiet_NaN();
+    const bool is_far = view.T_world_view.translation().cwiseAbs().maxCoeff() > kFar_m;
+    out.write(header(view, color != nullptr, is_far));
+    constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
     for (int v = 0; v < view.range.height; ++v) {
       for (int u = 0; u < view.range.width; ++u) {
         const float r = view.range.at(u, v);
-        const Eigen::Vector3f p =
-            r > 0 ? Eigen::Vector3f((view.T_world_view * unproject(view.sensor, u, v, double(r))).cast<float>())
-                  : Eigen::Vector3f(nan, nan, nan);
-        out.write(p.data(), 3 * sizeof(float));
+        const Eigen::Vector3d p = r > 0 ? Eigen::Vector3d(view.T_world_view * unproject(view.sensor, u, v, double(r)))
+                                        : Eigen::Vector3d(kNan, kNan, kNan);
+        const Eigen::Vector3f single = p.cast<float>();
+        is_far ? out.write(p.data(), 3 * sizeof(double)) : out.write(single.data(), 3 * sizeof(float));
         if (!color) continue;
         const Rgb8 c = color->at(u, v);
         out.put(std::uint32_t(c.r) << 16 | std::uint32_t(c.g) << 8 | std::uint32_t(c.b));
@@ -122,13 +127,16 @@ class PcdWriter : public SceneWriter {
   void finish() override {}
 
  private:
-  static std::string header(const View& view, bool has_color) {
+  static std::string header(const View& view, bool has_color, bool is_far) {
     const Eigen::Quaterniond q(view.T_world_view.linear());
     const Eigen::Vector3d t = view.T_world_view.translation();
     Text text;
     text.word("# .PCD v0.7 - Point Cloud Data file format").end().word("VERSION 0.7").end();
-    text.word(has_color ? "FIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1"
-                        : "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1");
+    const char* sizes = is_far ? "SIZE 8 8 8" : "SIZE 4 4 4";
+    if (has_color)
+      text.word("FIELDS x y z rgb").end().word(sizes).word("4").end().word("TYPE F F F U").end().word("COUNT 1 1 1 1");
+    else
+      text.word("FIELDS x y z").end().word(sizes).end().word("TYPE F F F").end().word("COUNT 1 1 1");
     text.end().word("WIDTH").shortest(view.range.width).end().word("HEIGHT").shortest(view.range.height).end();
     text.word("VIEWPOINT");
     for (const double value : {t.x(), t.y(), t.z(), q.w(), q.x(), q.y(), q.z()}) text.shortest(value);

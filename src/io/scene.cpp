@@ -76,7 +76,9 @@ Scene read_exr_files(const std::filesystem::path& path, const std::vector<std::f
   return builder.finish();
 }
 
-Scene read_scene(const std::filesystem::path& path, const ReadSceneOptions& options, Context& context) {
+namespace {
+
+Scene read_any_scene(const std::filesystem::path& path, const ReadSceneOptions& options, Context& context) {
   std::error_code error;
   const std::filesystem::file_status status = std::filesystem::status(path, error);
   if (!std::filesystem::exists(status)) throw IoError(path, "no such file or folder");
@@ -101,6 +103,17 @@ Scene read_scene(const std::filesystem::path& path, const ReadSceneOptions& opti
       return read_sens(path, options, context);
     default:
       throw InvalidInput(path, {}, {}, "this is " + std::string(describe(kind)) + "; " + kRecognised);
+  }
+}
+
+}  // namespace
+
+Scene read_scene(const std::filesystem::path& path, const ReadSceneOptions& options, Context& context) {
+  try {
+    return read_any_scene(path, options, context);
+  } catch (const std::filesystem::filesystem_error& error) {
+    // A name in the scene that the system cannot even look for.
+    throw IoError(path, "cannot read: " + error.code().message());
   }
 }
 

@@ -5,6 +5,7 @@
 #include "io/e57/e57.h"
 #include "io/exr.h"
 #include "io/grid_scan.h"
+#include "io/npy.h"
 #include "io/range_grid.h"
 #include "io/scene_formats.h"
 #include "lapseam/context.h"
@@ -63,19 +64,26 @@ void complete_from_sens(const Source& source, const ViewDraft& draft) {
   if (!draft.view.sensor) source.refuse("sensor", "missing; a .sens frame needs a sensor");
 }
 
-void complete_from_scans(const Source& source, RangeFormat format, ViewDraft& draft) {
+void complete_from_scans(const Source& source, RangeFormat format, ViewDraft& draft, Context& context) {
   RangeSource& range = draft.view.range;
   range.format = format;
   if (draft.has_scale && range.scale_m != 1) source.refuse("range.scale_m", "points are in metres, as they are");
-  const std::unique_ptr<GridScan> scan = open_scan(source, format, range.index, range.offset);
+  const std::unique_ptr<GridScan> scan = open_scan(source, format, range.index, range.offset, std::nullopt, &context);
   if (format == RangeFormat::kE57 && !draft.view.color) {
     const Eigen::Isometry3d T_world_scan = scan->T_world_scan().value_or(Eigen::Isometry3d::Identity());
-    draft.view.color = find_e57_image(source, range.index, T_world_scan, scan->has_color());
+    std::vector<ColorSource> images = find_e57_images(source, range.index, T_world_scan);
+    // A pinhole image shows a part of a scan only: the scan's own colours come first then.
+    const bool is_panorama = !images.empty() && std::holds_alternative<SphericalSensor>(images[0].camera);
+    if (is_panorama || (!images.empty() && !scan->has_color())) {
+      draft.view.color = std::move(images[0]);
+      images.erase(images.begin());
+    }
+    draft.view.more_colors = std::move(images);
   }
-  complete_from_scan(source, *scan, draft);
+  complete_from_scan(source, *scan, draft, context);
 }
 
-void complete_range(ViewDraft& draft) {
+void complete_range(ViewDraft& draft, Context& context) {
   RangeSource& range = draft.view.range;
   const Source source{range.file, draft.view.name};
   check_exists(source, "range.file");
@@ -93,13 +101,13 @@ void complete_range(ViewDraft& draft) {
       complete_from_grid(source, draft);
       break;
     case FileKind::kE57:
-      complete_from_scans(source, RangeFormat::kE57, draft);
+      complete_from_scans(source, RangeFormat::kE57, draft, context);
       break;
     case FileKind::kPtx:
-      complete_from_scans(source, RangeFormat::kPtx, draft);
+      complete_from_scans(source, RangeFormat::kPtx, draft, context);
       break;
     case FileKind::kPcd:
-      complete_from_scans(source, RangeFormat::kPcd, draft);
+      complete_from_scans(source, RangeFormat::kPcd, draft, context);
       break;
     case FileKind::kSens:
       range.format = RangeFormat::kSens;
@@ -110,27 +118,30 @@ void complete_range(ViewDraft& draft) {
       if (!draft.view.sensor) source.refuse("sensor", "missing; a COLMAP depth map needs a sensor");
       check_sensor_size(source, *draft.view.sensor, probe_colmap_depth(source));
       break;
+    case FileKind::kNpy:
+      range.format = RangeFormat::kNpy;
+      if (!draft.view.sensor) source.refuse("sensor", "missing; a .npy range image needs a sensor");
+      check_sensor_size(source, *draft.view.sensor, probe_npy(source));
+      break;
     default:
-      source.refuse(
-          "range.file",
-          "a range image is a 16-bit PNG, an EXR, a range-grid PLY, or a scan of an E57, PTX or PCD file; this is " +
-              std::string(describe(kind)));
+      source.refuse("range.file",
+                    "a range image is a 16-bit PNG, an EXR, a .npy array, a range-grid PLY, or a scan of an E57, PTX "
+                    "or PCD file; this is " +
+                        std::string(describe(kind)));
   }
   if (range.format != RangeFormat::kExr && !range.channel.empty())
     source.refuse("range.channel", "only EXR files have channels");
   if (!draft.has_pose) source.refuse("T_world_view", "missing, and the range file holds no pose");
 }
 
-void check_color(const ViewSource& view) {
-  if (!view.color) return;
-  const Source source{view.color->file, view.name};
+void check_color(const ViewSource& view, const ColorSource& color) {
+  const Source source{color.file, view.name};
   check_exists(source, "color.file");
-  const bool is_own =
-      holds_scans(view.range.format) && view.color->file == view.range.file && view.color->index < kImageOfFile;
+  const bool is_own = holds_scans(view.range.format) && color.file == view.range.file && color.index < kImageOfFile;
   if (is_own) return;  // its camera is the scan's sensor
-  if (view.range.format == RangeFormat::kSens && view.color->file == view.range.file) return;  // so says its header
-  const ImageSize size = probe_color_size(source, view.color->index);
-  const ImageSize camera_size{width(view.color->camera), height(view.color->camera)};
+  if (view.range.format == RangeFormat::kSens && color.file == view.range.file) return;  // so says its header
+  const ImageSize size = probe_color_size(source, color.index);
+  const ImageSize camera_size{width(color.camera), height(color.camera)};
   if (size != camera_size)
     source.refuse("color", "the image is " + to_string(size) + ", its camera " + to_string(camera_size));
 }
@@ -152,8 +163,9 @@ void SceneBuilder::add(const std::function<ViewDraft()>& make) {
   try {
     ViewDraft draft = make();
     check_name(draft.view);
-    complete_range(draft);
-    check_color(draft.view);
+    complete_range(draft, context_);
+    if (draft.view.color) check_color(draft.view, *draft.view.color);
+    for (const ColorSource& color : draft.view.more_colors) check_color(draft.view, color);
     scene_.views.push_back(std::move(draft.view));
   } catch (const Cancelled&) {
     throw;

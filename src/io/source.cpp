@@ -5,6 +5,7 @@
 #include <system_error>
 
 #include "io/colmap.h"
+#include "io/npy.h"
 #include "io/pcd.h"
 #include "io/ptx.h"
 #include "io/sens.h"
@@ -74,6 +75,7 @@ FileKind recognise_file(const std::filesystem::path& file) {
   if (text.starts_with("ply\n"sv) || text.starts_with("ply\r"sv)) return FileKind::kPly;
   if (text.starts_with("ASTM-E57"sv)) return FileKind::kE57;
   if (looks_like_sens(text)) return FileKind::kSens;
+  if (looks_like_npy(text)) return FileKind::kNpy;
   if (looks_like_colmap_depth(text)) return FileKind::kColmapDepth;
   if (looks_like_json(text)) return FileKind::kJson;
   if (looks_like_conf(text)) return FileKind::kStanfordConf;
@@ -106,6 +108,8 @@ std::string_view describe(FileKind kind) {
       return "a .sens file";
     case FileKind::kColmapDepth:
       return "a COLMAP depth map";
+    case FileKind::kNpy:
+      return "a NumPy array";
     case FileKind::kUnknown:
       break;
   }

@@ -28,7 +28,21 @@ struct ImageSize {
 /// "640 × 480" in plain letters.
 std::string to_string(ImageSize size);
 
-enum class FileKind { kPng, kJpeg, kExr, kPly, kJson, kStanfordConf, kE57, kPtx, kPcd, kSens, kColmapDepth, kUnknown };
+enum class FileKind {
+  kPng,
+  kJpeg,
+  kExr,
+  kPly,
+  kJson,
+  kStanfordConf,
+  kE57,
+  kPtx,
+  kPcd,
+  kSens,
+  kColmapDepth,
+  kNpy,
+  kUnknown
+};
 /// By the first bytes, never by the name. Throws IoError when the file cannot be read.
 FileKind recognise_file(const std::filesystem::path& file);
 /// "a PNG image", "a file of unknown kind".

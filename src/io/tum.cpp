@@ -142,7 +142,7 @@ Scene read_tum(const std::filesystem::path& folder, const ReadSceneOptions& opti
     if (!pose && ++without_pose) continue;
     builder.add([&] {
       const Source depth{folder / image.file, std::filesystem::path(image.file).stem().string()};
-      if (std::filesystem::exists(depth.file) && recognise_file(depth.file) == FileKind::kPng) {
+      if (is_regular(depth.file) && recognise_file(depth.file) == FileKind::kPng) {
         const ImageSize size = probe_png(depth).size;
         camera.width = size.width;
         camera.height = size.height;

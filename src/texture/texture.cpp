@@ -30,6 +30,20 @@ void check_options(const TextureOptions& options) {
     throw InvalidInput({}, {}, "texel_m", "must be a length");
 }
 
+/// Views with several images, again for each further one, behind all views: places of views stay what they are.
+std::vector<ViewSource> one_for_each_image(std::span<const ViewSource> sources) {
+  std::vector<ViewSource> all(sources.begin(), sources.end());
+  for (const ViewSource& source : sources) {
+    if (!source.color) continue;  // held out
+    for (const ColorSource& color : source.more_colors) {
+      ViewSource& view = all.emplace_back(source);
+      view.color = color;
+      view.more_colors.clear();
+    }
+  }
+  return all;
+}
+
 class Texturing {
  public:
   Texturing(Mesh& mesh, std::span<const ViewSource> sources, const TextureOptions& options, Context& context)
@@ -303,7 +317,8 @@ class Texturing {
 TextureReport texture(Mesh& mesh, std::span<const ViewSource> sources, const TextureOptions& options,
                       Context& context) {
   check_options(options);
-  return Texturing(mesh, sources, options, context).run();
+  const std::vector<ViewSource> all = one_for_each_image(sources);
+  return Texturing(mesh, all, options, context).run();
 }
 
 }  // namespace lapseam

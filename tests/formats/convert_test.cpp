@@ -67,6 +67,25 @@ TEST(Convert, MeasuredGridsKeepTheirColoursInTheirOwnFiles) {
   expect_round_trip(room_scene(jittered, 2), SceneFormat::kManifest, "scene", 0);
 }
 
+TEST(Convert, MapCoordinatesSurvive) {
+  // Seven digits before the point, as of a projected map: a float would be off by a quarter of a metre.
+  const Eigen::Vector3d far_m(4567890.125, 5432109.5, 300.25);
+  const Scene scanners = room_scene(small_scanner(), 2, true, far_m),
+              cameras = room_scene(lens_camera(), 2, true, far_m);
+  const auto expect_kept = [](const Scene& scene, SceneFormat format, const char* name, double quantum_m) {
+    SCOPED_TRACE(name);
+    // Names of scans are not kept by PTX.
+    expect_round_trip(scene, format, name, quantum_m, format != SceneFormat::kPtx);
+  };
+  expect_kept(scanners, SceneFormat::kManifest, "scene", 1e-12);
+  expect_kept(scanners, SceneFormat::kE57, "a.e57", 1e-12);
+  expect_kept(scanners, SceneFormat::kPtx, "a.ptx", 2e-6);
+  expect_kept(cameras, SceneFormat::kPcd, "pcd", 1e-4);
+  expect_kept(cameras, SceneFormat::kTum, "tum", 0.6 / 5000 * 1.3);
+  expect_kept(cameras, SceneFormat::kRedwood, "redwood", 0.6 / 1000 * 1.3);
+  expect_kept(cameras, SceneFormat::kNerfstudio, "nerf", 0.6 / 1000 * 1.3);
+}
+
 TEST(Convert, FormatsByName) {
   EXPECT_EQ(scene_format_of("a.E57"), SceneFormat::kE57);
   EXPECT_EQ(scene_format_of("a/b"), SceneFormat::kManifest);

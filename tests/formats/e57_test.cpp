@@ -4,6 +4,7 @@
 
 #include "io/e57/crc32c.h"
 #include "io/e57/paged_file.h"
+#include "io/page_codec.h"
 #include "room_scene.h"
 
 namespace lapseam::test {
@@ -217,6 +218,25 @@ TEST(E57, RangesComeBackToTheLastBit) {
   }
 }
 
+TEST(E57, LargeScansAreReadInPiecesAndTheSameForAnyThreads) {
+  const TempFolder folder;
+  allow_threads(8);
+  const auto scanner = SphericalSensor::from_limits(1024, 640, 3.1, -3.1, 1.2, -0.9);
+  Scene scene = room_scene(scanner, 1, false);
+  Context context(2);
+  convert_scene(scene, folder / "a.e57", {.format = SceneFormat::kE57}, context);
+  EXPECT_GT(open_e57_scan({folder / "a.e57", {}}, 0, std::nullopt, &context)->pieces(), 1u);
+  for (const int threads : {1, 2, 8}) {
+    Context other(threads);
+    const Scene back = read_scene(folder / "a.e57", {}, other);
+    const auto& found = std::get<SphericalSensor>(*back.views[0].sensor);
+    EXPECT_EQ(found.azimuth_rad, scanner.azimuth_rad);
+    EXPECT_EQ(found.elevation_rad, scanner.elevation_rad);
+    EXPECT_FALSE(found.warp);
+    EXPECT_EQ(load_view(back.views[0]).range.pixels, scene.views[0].range.memory->pixels);
+  }
+}
+
 TEST(E57, AnImageOfAnotherCameraIsAView) {
   const TempFolder folder;
   Context context(1);
@@ -235,6 +255,62 @@ TEST(E57, AnImageOfAnotherCameraIsAView) {
   const Rgb8 pixel = load_color(back.views[0]).at(40, 30);
   EXPECT_NEAR(pixel.r, 200, 4);  // JPEG
   EXPECT_NEAR(pixel.b, 50, 4);
+}
+
+std::string text_of(const ColorImage& image) {
+  const std::vector<char> jpeg = encode_jpeg(image, 95);
+  return std::string(16, '\0') + std::string(jpeg.begin(), jpeg.end());
+}
+
+/// An Image2D whose JPEG is section N of the file.
+std::string image2d(const std::string& kind, int section, std::size_t bytes, const std::string& numbers) {
+  return "<vectorChild type=\"Structure\"><pose type=\"Structure\"/><" + kind +
+         " type=\"Structure\"><jpegImage type=\"Blob\" fileOffset=\"@" + std::to_string(section) + "\" length=\"" +
+         std::to_string(bytes) + "\"/>" + numbers + "</" + kind + "></vectorChild>";
+}
+
+std::string number(const std::string& name, double value) {
+  return "<" + name + " type=\"Float\">" + std::to_string(value) + "</" + name + ">";
+}
+
+TEST(E57, CylindersAndAllFurtherImagesAreColours) {
+  const TempFolder folder;
+  Context context(1);
+  const HandMade made;
+  const std::string cylinder = text_of(ColorImage(40, 20, Rgb8{200, 100, 50}));
+  const std::string front = text_of(ColorImage(30, 20, Rgb8{10, 200, 20}));
+  const std::string size = number("imageWidth", 40) + number("imageHeight", 20);
+  const std::string images =
+      image2d("pinholeRepresentation", 2, front.size() - 16,
+              number("imageWidth", 30) + number("imageHeight", 20) + number("focalLength", 0.01) +
+                  number("pixelWidth", 0.001) + number("pixelHeight", 0.001) + number("principalPointX", 15) +
+                  number("principalPointY", 10)) +
+      image2d("cylindricalRepresentation", 1, cylinder.size() - 16,
+              size + number("pixelWidth", 0.1) + number("pixelHeight", 0.2) + number("radius", 2) +
+                  number("principalPointY", 5));
+  std::string xml = made.xml();
+  xml.replace(xml.find("<images2D type=\"Vector\">"), 24, "<images2D type=\"Vector\">" + images);
+  write_bytes(folder / "a.e57", make_e57({made.section(), cylinder, front}, xml));
+  const Scene scene = read_scene(folder / "a.e57", {}, context);
+  ASSERT_TRUE(scene.views[0].color);
+  const auto& sensor = std::get<SphericalSensor>(scene.views[0].color->camera);
+  EXPECT_EQ(load_color(scene.views[0]).width, 40);
+  EXPECT_NEAR(load_color(scene.views[0]).at(5, 5).r, 200, 4);
+  // A point on the cylinder, 2 m away and 0.7 m up: 3.5 rows over the principal point; 0.55 rad to the left.
+  PixelRange pixel;
+  ASSERT_TRUE(sensor.project({2 * std::cos(0.55), 2 * std::sin(0.55), 0.7}, pixel));
+  EXPECT_NEAR(pixel.u, 14, 1e-6);
+  EXPECT_NEAR(pixel.v, 1, 1e-6);
+  ASSERT_EQ(scene.views[0].more_colors.size(), 1u);
+  EXPECT_TRUE(std::holds_alternative<PinholeSensor>(scene.views[0].more_colors[0].camera));
+  ViewSource other = scene.views[0];
+  other.color = other.more_colors[0];
+  EXPECT_NEAR(load_color(other).at(3, 3).g, 200, 4);
+  // Without a radius it is none; then the intensities come first.
+  for (const std::string tag : {"<radius", "</radius"})
+    xml.replace(xml.find(tag), tag.size(), tag[1] == '/' ? "</other" : "<other");
+  write_bytes(folder / "b.e57", make_e57({made.section(), cylinder, front}, xml));
+  EXPECT_TRUE(read_scene(folder / "b.e57", {}, context).views[0].color->index < kImageOfFile);
 }
 
 TEST(E57, ScansWithoutRowsButWithAPoseAreGridded) {

@@ -27,10 +27,14 @@ std::vector<GridSample> samples_of(const SphericalSensor& sensor, double jitter_
   return samples;
 }
 
-ForEachSample over(const std::vector<GridSample>& samples) {
-  return [&samples](const VisitSample& visit) {
-    for (const GridSample& sample : samples) visit(sample);
+/// In pieces, as a scan with many points.
+Sensor fit(const Source& source, ImageSize size, const std::vector<GridSample>& samples, std::size_t pieces = 1) {
+  Context context(2);
+  const auto visit = [&](std::size_t piece, const VisitSample& visit_sample) {
+    const std::size_t n = samples.size();
+    for (std::size_t i = piece * n / pieces; i < (piece + 1) * n / pieces; ++i) visit_sample(samples[i]);
   };
+  return fit_grid_sensor(source, size, {pieces, visit}, context);
 }
 
 double worst_m(const Sensor& sensor, const std::vector<GridSample>& samples) {
@@ -43,7 +47,7 @@ double worst_m(const Sensor& sensor, const std::vector<GridSample>& samples) {
 TEST(GridSensor, APolarGridGetsTables) {
   const auto truth = small_scanner();
   const std::vector<GridSample> samples = samples_of(truth, 0);
-  const Sensor found = fit_grid_sensor({}, {truth.columns(), truth.rows()}, over(samples));
+  const Sensor found = fit({}, {truth.columns(), truth.rows()}, samples);
   const auto& polar = std::get<SphericalSensor>(found);
   EXPECT_FALSE(polar.warp);
   EXPECT_TRUE(polar.wraps());
@@ -57,7 +61,7 @@ TEST(GridSensor, APolarGridGetsTables) {
 TEST(GridSensor, JitteredRaysKeepTheirPoints) {
   const auto truth = small_scanner();
   const std::vector<GridSample> samples = samples_of(truth, 0.3);
-  const Sensor found = fit_grid_sensor({}, {truth.columns(), truth.rows()}, over(samples));
+  const Sensor found = fit({}, {truth.columns(), truth.rows()}, samples);
   const auto& polar = std::get<SphericalSensor>(found);
   ASSERT_TRUE(polar.warp);
   // A warp of 0.3 px in single precision: 3e-8 px of 0.07 rad at 3 m.
@@ -83,7 +87,7 @@ TEST(GridSensor, ACameraIsRecognised) {
       samples.push_back(sample);
     }
   }
-  const Sensor found = fit_grid_sensor({}, {truth.width, truth.height}, over(samples));
+  const Sensor found = fit({}, {truth.width, truth.height}, samples);
   const auto& camera = std::get<PinholeSensor>(found);
   EXPECT_NEAR(camera.fx, truth.fx, 1e-9);
   EXPECT_NEAR(camera.cy, truth.cy, 1e-9);
@@ -100,7 +104,7 @@ TEST(GridSensor, AnythingElseIsAMeasuredGrid) {
       samples.push_back(sample);
     }
   }
-  const Sensor found = fit_grid_sensor({}, {50, 40}, over(samples));
+  const Sensor found = fit({}, {50, 40}, samples);
   ASSERT_TRUE(std::holds_alternative<MeasuredGridSensor>(found));
   EXPECT_LT(worst_m(found, samples), 1e-6);
 }
@@ -108,12 +112,8 @@ TEST(GridSensor, AnythingElseIsAMeasuredGrid) {
 TEST(GridSensor, TooFewSamplesAreRefused) {
   std::vector<GridSample> samples(5);
   for (GridSample& sample : samples) sample.stored = {1, 2, 3};
-  expect_refused(
-      [&] {
-        fit_grid_sensor({"a.ptx", "v"}, {10, 10}, over(samples));
-      },
-      {"a.ptx", "'v'", "5 valid samples"});
-  expect_refused([&] { fit_grid_sensor({"a.ptx", "v"}, {10, 10}, over({})); }, {"a.ptx", "no valid sample"});
+  expect_refused([&] { fit({"a.ptx", "v"}, {10, 10}, samples); }, {"a.ptx", "'v'", "5 valid samples"});
+  expect_refused([&] { fit({"a.ptx", "v"}, {10, 10}, {}); }, {"a.ptx", "no valid sample"});
   expect_refused([&] { make_polar_grid({"a.e57", "v"}, samples); }, {"a.e57", "5 valid samples"});
 }
 

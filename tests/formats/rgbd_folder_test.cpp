@@ -98,6 +98,62 @@ TEST(Redwood, MistakesAreNamed) {
   expect_refused([&] { read_scene(folder / "red", {}, context); }, {"camera_intrinsic.json", "intrinsic_matrix"});
 }
 
+TEST(RgbdNames, OfAnyLengthAreRefusedInOneLine) {
+  // Found by the fuzzer: the system does not even look for a name of so many letters, and says so in its own way.
+  const TempFolder folder;
+  Context context(1);
+  const std::string name(5000, 'x');
+  write_bytes(folder / "depth.txt", "1.0 " + name + "\n");
+  write_bytes(folder / "groundtruth.txt", "1.0 0 0 0 0 0 0 1\n");
+  expect_refused([&] { read_scene(folder / "", {}, context); }, {"no such file"});
+  write_bytes(folder / "transforms.json",
+              R"({"fl_x": 8, "cx": 2, "cy": 1.5, "w": 4, "h": 3, "frames": [{"depth_file_path": ")" + name +
+                  R"(", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]})");
+  expect_refused([&] { read_scene(folder / "transforms.json", {}, context); }, {"no such file"});
+}
+
+template <typename Stored>
+std::string npy(const std::string& header, const std::vector<Stored>& values) {
+  std::string bytes = "\x93NUMPY\x01";
+  bytes += '\0';
+  bytes += char(header.size());
+  bytes += '\0';
+  bytes += header;
+  return bytes.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(Stored));
+}
+
+TEST(Nerfstudio, DepthOfNumPy) {
+  const TempFolder folder;
+  Context context(1);
+  write_bytes(folder / "transforms.json",
+              R"({"fl_x": 8, "cx": 2, "cy": 1.5, "w": 4, "h": 3, "depth_unit_scale_factor": 0.5, "frames": [
+ {"depth_file_path": "d.npy", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]})");
+  const auto expect_read = [&](const std::string& bytes, std::vector<float> expected) {
+    write_bytes(folder / "d.npy", bytes);
+    const View view = load_view(read_scene(folder / "transforms.json", {}, context).views[0]);
+    EXPECT_EQ(view.range.pixels, expected);
+  };
+  const std::vector<float> f4{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 0, -1};
+  const std::vector<float> half{0.5f, 1, 1.5f, 2, 2.5f, 3, 3.5f, 4, 4.5f, 5, 0, 0};
+  expect_read(npy("{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4), }\n", f4), half);
+  expect_read(
+      npy("{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4, 1)}", std::vector<double>(f4.begin(), f4.end())),
+      half);
+  expect_read(npy("{'shape': (3, 4), 'fortran_order': True, 'descr': '<u2'}",
+                  std::vector<std::uint16_t>{1, 5, 9, 2, 6, 10, 3, 7, 0, 4, 8, 0}),
+              half);
+  const auto expect_bad = [&](const std::string& bytes, const char* problem) {
+    write_bytes(folder / "d.npy", bytes);
+    expect_refused([&] { read_scene(folder / "transforms.json", {}, context); }, {"d.npy", "'d'", problem});
+  };
+  expect_bad(npy("{'descr': '>f4', 'fortran_order': False, 'shape': (3, 4)}", f4), "'>f4'");
+  expect_bad(npy("{'descr': '<f4', 'fortran_order': False, 'shape': (12,)}", f4), "(height, width)");
+  expect_bad(npy("{'descr': '<f4', 'fortran_order': False, 'shape': (3, 5)}", f4), "length");
+  expect_bad(npy("{'descr': '<f4', 'fortran_order': False, 'shape': (3, 99999999)}", f4), "claims");
+  expect_bad(npy("{'descr': '<f4', 'fortran_order': False}", f4), "shape");
+  expect_bad(std::string("\x93NUMPY\x01\0\xFF\xFF{}", 12), "truncated");
+}
+
 TEST(Nerfstudio, MistakesAreNamed) {
   const TempFolder folder;
   Context context(1);

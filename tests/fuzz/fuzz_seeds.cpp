@@ -117,6 +117,20 @@ std::string colmap_cameras() {
   return bytes;
 }
 
+/// A depth map of NumPy: 8 x 6 floats or 16-bit integers.
+std::string npy(const std::string& type) {
+  std::string header = "{'descr': '" + type + "', 'fortran_order': False, 'shape': (6, 8), }";
+  header.resize(118, ' ');
+  header.back() = '\n';
+  std::string bytes = "\x93NUMPY\x01";
+  bytes += '\0';
+  append(bytes, std::uint16_t(header.size()));
+  bytes += header;
+  for (int i = 0; i < 48; ++i)
+    type == "<f4" ? append(bytes, 1.0f + float(i % 7)) : append(bytes, std::uint16_t(1000 + i));
+  return bytes;
+}
+
 void write_folders(const fs::path& out, Context& context) {
   const PinholeSensor camera{8, 6, 8, 8, 3.5, 2.5, {}};
   const Scene scene = room_scene(camera, 2);
@@ -130,6 +144,11 @@ void write_folders(const fs::path& out, Context& context) {
   fs::copy_file(out / "redwood/depth/view0.png", out / "seven/frame-000000.depth.png",
                 fs::copy_options::overwrite_existing);
   write_bytes(out / "seven/frame-000000.pose.txt", "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n");
+  write_bytes(out / "seven/camera-intrinsics.txt", "585 0 320\n0 585 240\n0 0 1\n");
+  write_bytes(out / "nerfstudio_npy/transforms.json",
+              R"({"fl_x": 8, "fl_y": 8, "cx": 4, "cy": 3, "w": 8, "h": 6, "frames": [{"file_path": "a",
+ "depth_file_path": "depth.npy", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]})");
+  write_bytes(out / "nerfstudio_npy/depth.npy", npy("<f4"));
   for (const char* name : {"colmap_text", "colmap_binary"})
     write_bytes(out / name / "stereo/depth_maps/a.jpg.geometric.bin", colmap_depth());
   write_bytes(out / "colmap_text/sparse/cameras.txt", "3 PINHOLE 8 6 10 11 4.5 3.5\n");
@@ -158,9 +177,9 @@ void write_scans(const fs::path& out, Context& context) {
 }
 
 void write_images_and_meshes(const fs::path& out) {
-  for (const char* kind : {"png", "png16", "jpeg", "ply", "obj", "glb"}) fs::create_directories(out / kind);
-  write_png(out / "png/seed", make_color(9, 7));
-  write_png16(out / "png16/seed", Image<std::uint16_t>(9, 7, 1500));
+  for (const char* kind : {"png", "jpeg", "ply", "obj", "glb"}) fs::create_directories(out / kind);
+  write_png(out / "png/color", make_color(9, 7));
+  write_png16(out / "png/range", Image<std::uint16_t>(9, 7, 1500));
   const std::vector<char> jpeg = encode_jpeg(make_color(17, 9), 80);
   write_bytes(out / "jpeg/seed", {jpeg.data(), jpeg.size()});
   for (const bool is_textured : {false, true}) {
@@ -185,23 +204,25 @@ int main(int count, char** arguments) {
   lapseam::Context context(1);
   write_scans(corpus, context);
   write_images_and_meshes(corpus);
-  write_bytes(corpus / "range_grid/text", range_grid("ascii"));
-  write_bytes(corpus / "range_grid/binary", range_grid("binary_little_endian"));
+  write_bytes(corpus / "ply/grid_text", range_grid("ascii"));
+  write_bytes(corpus / "ply/grid_binary", range_grid("binary_little_endian"));
   write_bytes(corpus / "sens/seed", sens());
-  write_bytes(corpus / "colmap_depth/seed", colmap_depth());
   write_folders(folders, context);
-  // What each folder's fuzzed file is at first.
-  const std::pair<const char*, const char*> seeds[] = {{"manifest", "scene/scene.json"},
-                                                       {"conf", "conf/scene.conf"},
-                                                       {"seven_scenes", "seven/frame-000000.pose.txt"},
-                                                       {"tum", "tum/groundtruth.txt"},
-                                                       {"tum_list", "tum/depth.txt"},
-                                                       {"redwood", "redwood/trajectory.log"},
-                                                       {"redwood_json", "redwood/camera_intrinsic.json"},
-                                                       {"nerfstudio", "nerfstudio/transforms.json"},
-                                                       {"colmap_text", "colmap_text/sparse/images.txt"},
-                                                       {"colmap_cameras", "colmap_text/sparse/cameras.txt"},
-                                                       {"colmap_binary", "colmap_binary/sparse/images.bin"}};
-  for (const auto& [target, file] : seeds) write_bytes(corpus / target / "seed", read_bytes(folders / file));
+  // What each folder's fuzzed files are at first; the first byte says which of them it is (kTargets in
+  // fuzz_readers.cpp).
+  const std::pair<const char*, std::vector<const char*>> seeds[] = {
+      {"manifest", {"scene/scene.json"}},
+      {"conf", {"conf/scene.conf"}},
+      {"seven_scenes", {"seven/frame-000000.pose.txt", "seven/camera-intrinsics.txt"}},
+      {"tum", {"tum/groundtruth.txt", "tum/depth.txt", "tum/calibration.txt"}},
+      {"redwood", {"redwood/trajectory.log", "redwood/camera_intrinsic.json"}},
+      {"nerfstudio", {"nerfstudio/transforms.json", "nerfstudio_npy/depth.npy"}},
+      {"colmap",
+       {"colmap_text/sparse/images.txt", "colmap_text/sparse/cameras.txt", "colmap_binary/sparse/images.bin",
+        "colmap_binary/sparse/cameras.bin", "colmap_binary/stereo/depth_maps/a.jpg.geometric.bin"}}};
+  for (const auto& [target, files] : seeds)
+    for (std::size_t i = 0; i < files.size(); ++i)
+      write_bytes(corpus / target / ("seed" + std::to_string(i)), char(i) + read_bytes(folders / files[i]));
+  write_bytes(corpus / "nerfstudio/integers", '\1' + npy("<u2"));
   return 0;
 }

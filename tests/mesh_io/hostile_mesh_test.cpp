@@ -1,6 +1,8 @@
 // Files that are broken or made to do harm: each is refused with one line that names the file, and never costs more
 // memory than its size justifies.
 
+#include <sys/stat.h>
+
 #include <nlohmann/json.hpp>
 #include <random>
 
@@ -115,6 +117,16 @@ TEST_F(HostileMesh, ObjTextureThatIsNoImage) {
   } catch (const InvalidInput& error) {
     EXPECT_NE(std::string(error.what()).find("m.mtl"), std::string::npos) << error.what();
   }
+}
+
+TEST_F(HostileMesh, ObjThatNamesAPipeOrADevice) {
+  // Found by the fuzzer: without a writer the pipe, and the device without an end, would be read for ever.
+  ASSERT_EQ(mkfifo(path("pipe").c_str(), 0600), 0);
+  for (const std::string& library : {path("pipe").string(), std::string("/dev/zero")})
+    EXPECT_THROW(read_mesh(write("a.obj", "mtllib " + library + "\nv 0 0 0\n")), IoError) << library;
+  write("m.mtl", "newmtl a\nmap_Kd /dev/zero\n");
+  EXPECT_THROW(read_mesh(write("a.obj", "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\n")),
+               IoError);
 }
 
 TEST_F(HostileMesh, GlbContainers) {

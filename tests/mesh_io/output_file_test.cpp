@@ -38,6 +38,50 @@ TEST_F(OutputFileTest, ReplacesOnlyAtTheEnd) {
   EXPECT_EQ(file_count(), 1u);
 }
 
+TEST_F(OutputFileTest, WhatAKilledProcessLeftBehindGoes) {
+  write(".a.txt.part0", "half");
+  write(".a.txt.part3", "half");
+  write(".a.txt.partner", "somebody's");
+  {
+    OutputFile first(path("a.txt")), second(path("a.txt"));  // of which neither is taken for left behind
+    EXPECT_EQ(file_count(), 3u);
+    first.write("first");
+    second.write("second");
+    second.commit();
+    EXPECT_EQ(read("a.txt"), "second");
+    OutputFile third(path("a.txt"));
+    first.commit();
+    EXPECT_EQ(read("a.txt"), "first");
+  }
+  EXPECT_EQ(file_count(), 2u);
+  EXPECT_EQ(read(".a.txt.partner"), "somebody's");
+}
+
+TEST_F(OutputFileTest, TextIsWrittenWhole) {
+  write("a.json", "old");
+  write_text(path("a.json"), "{}\n");
+  EXPECT_EQ(read("a.json"), "{}\n");
+  EXPECT_EQ(file_count(), 1u);
+  EXPECT_THROW(write_text(path("none/a.json"), "{}"), IoError);
+}
+
+TEST_F(OutputFileTest, FarMeshesKeepTheirPlaceInEveryFormat) {
+  mesh_ = test::grid_mesh(4, 3);
+  mesh_.origin_m = {4567890.125, 5432109.5, 300.25};
+  for (const char* name : {"a.ply", "a.obj", "a.glb"}) {
+    write_mesh(mesh_, path(name));
+    const Mesh back = read_mesh(path(name));
+    ASSERT_EQ(back.positions_m.size(), mesh_.positions_m.size()) << name;
+    // Vertices may come in another order; their mean does not.
+    Eigen::Vector3d expected = Eigen::Vector3d::Zero(), found = expected;
+    for (std::size_t i = 0; i < mesh_.positions_m.size(); ++i) {
+      expected += mesh_.origin_m + mesh_.positions_m[i].cast<double>();
+      found += back.origin_m + back.positions_m[i].cast<double>();
+    }
+    EXPECT_LT((found - expected).norm() / double(mesh_.positions_m.size()), 1e-4) << name;
+  }
+}
+
 TEST_F(OutputFileTest, LargeAndSmallPiecesInOrder) {
   const std::string large(3 << 20, 'x');
   OutputFile out(path("a"));

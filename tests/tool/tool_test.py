@@ -614,6 +614,8 @@ class Formats(ToolTest):
         self.assertGreater(killed, times // 2)
         self.expect_ok(*arguments)
         self.assertTrue(is_whole(output))
+        left = [path.name for path in output.parent.iterdir() if path.name.startswith(f".{output.name}")]
+        self.assertEqual(left, [], "what killed runs left behind")
 
     def test_kill_9_of_integrate_leaves_a_whole_result(self):
         scene = save(self.folder, write_wall_scene(self.folder, views=4, width=96, height=72))

@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <map>
 
 #include "command.h"
@@ -39,10 +38,7 @@ void write_json(const std::string& file, const std::string& json) {
     fmt::print("{}\n", json);
     return;
   }
-  std::ofstream out(file, std::ios::binary);
-  out << json << '\n';
-  out.close();
-  if (!out) throw IoError(file, "cannot write");
+  write_text(file, json + "\n");
 }
 
 EvaluateOptions options_from(const EvaluateArguments& arguments) {

@@ -1,7 +1,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "command.h"
@@ -197,13 +196,6 @@ std::string registration_text(const Survey& found) {
   return fmt::format("registration: beyond their noise, {} pairs of views disagree by {} mm (median), {} mm (90 %)\n",
                      found.registration.pairs, millimetres(found.registration.median_m),
                      millimetres(found.registration.p90_m));
-}
-
-void write_text(const std::string& file, const std::string& text) {
-  std::ofstream out(file, std::ios::binary);
-  out << text;
-  out.close();
-  if (!out) throw IoError(file, "cannot write");
 }
 
 void run(const InfoArguments& arguments) {

@@ -1,7 +1,6 @@
 #include <fmt/format.h>
 
 #include <filesystem>
-#include <fstream>
 
 #include "command.h"
 #include "lapseam/error.h"
@@ -32,10 +31,7 @@ void check_output(const std::filesystem::path& output) {
 }
 
 void write_report(const std::string& file, const IntegrateReport& report, const Context& context) {
-  std::ofstream out(file, std::ios::binary);
-  out << to_json(report, context) << '\n';
-  out.close();
-  if (!out) throw IoError(file, "cannot write");
+  write_text(file, to_json(report, context) + "\n");
 }
 
 void run(const IntegrateArguments& arguments) {

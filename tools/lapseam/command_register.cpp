@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <numbers>
 
 #include "command.h"
@@ -42,14 +41,6 @@ Outputs outputs_of(const RegisterArguments& arguments) {
   if (out.report.empty()) out.report = folder / "registration.json";
   if (out.plot.empty()) out.plot = folder / "registration.svg";
   return out;
-}
-
-void write_text(const std::filesystem::path& file, const std::string& text) {
-  if (file.empty()) return;
-  std::ofstream out(file, std::ios::binary);
-  out << text;
-  out.close();
-  if (!out) throw IoError(file, "cannot write");
 }
 
 std::vector<std::uint32_t> places_of(const std::vector<std::string>& names, const Scene& scene) {
@@ -128,8 +119,8 @@ void run(const RegisterArguments& arguments) {
   const Outputs outputs = outputs_of(arguments);
   const RegisterSceneResult result = register_scene(scene, options, *context);
   write_scene(result.scene, outputs.manifest);
-  write_text(outputs.report, to_json(result.report, *context) + "\n");
-  write_text(outputs.plot, to_svg(result.report));
+  if (!outputs.report.empty()) write_text(outputs.report, to_json(result.report, *context) + "\n");
+  if (!outputs.plot.empty()) write_text(outputs.plot, to_svg(result.report));
   print_summary(result.report);
   print_sliding(result.report);
   if (!truth) return;

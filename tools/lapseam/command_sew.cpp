@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "command.h"
@@ -56,10 +55,7 @@ void write_report(const SewArguments& arguments, const SewMeshesReport& sewn, co
   if (arguments.fill_holes_m > 0) json["fill_holes"] = nlohmann::ordered_json::parse(to_json(filled));
   json["health"] = nlohmann::ordered_json::parse(to_json(health));
   json["warnings"] = context.warnings();
-  std::ofstream out(arguments.report, std::ios::binary);
-  out << json.dump(2) << '\n';
-  out.close();
-  if (!out) throw IoError(arguments.report, "cannot write");
+  write_text(arguments.report, json.dump(2) + "\n");
 }
 
 void run(const SewArguments& arguments) {

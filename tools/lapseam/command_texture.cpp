@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "command.h"
@@ -36,10 +35,7 @@ void write_report(const std::string& file, const TextureReport& report, const Co
     json["stages"].push_back(
         {{"name", stage.name}, {"seconds", stage.seconds}, {"peak_rss_bytes", stage.peak_rss_bytes}});
   json["texture"] = nlohmann::ordered_json::parse(to_json(report));
-  std::ofstream out(file, std::ios::binary);
-  out << json.dump(1) << '\n';
-  out.close();
-  if (!out) throw IoError(file, "cannot write");
+  write_text(file, json.dump(1) + "\n");
 }
 
 /// Provenance counts views as the scene does; views beyond it belong to another scene.

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <vector>
 
+#include "core/xml.h"
+
 namespace lapseam::tool {
 namespace {
 
@@ -37,21 +39,6 @@ Axis make_axis(std::vector<double> values, double begin_px, double end_px) {
   const double margin = 1.15;  // and at least a factor of two from end to end
   const double spread = std::max(1.0, std::sqrt(2 * *low / *high));
   return {*low / margin / spread, *high * margin * spread, begin_px, end_px};
-}
-
-std::string escaped(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    if (c == '&')
-      out += "&amp;";
-    else if (c == '<')
-      out += "&lt;";
-    else if (c == '>')
-      out += "&gt;";
-    else
-      out += c;
-  }
-  return out;
 }
 
 std::string grid(const Axis& x, const Axis& y) {
@@ -110,7 +97,7 @@ std::string plot_noise(std::span<const SensorSurvey> sensors) {
     out += curve(sensor.noise, x, y, color, "");
     if (sensor.given) out += curve(*sensor.given, x, y, color, " stroke-dasharray='6 4'");
     out += fmt::format("<text x='{}' y='{}' fill='{}'>{}: measured (points), fitted (line){}</text>\n", kLeft + 12,
-                       label_y, color, escaped(sensor.sensor_id), sensor.given ? ", given (dashes)" : "");
+                       label_y, color, escape_xml(sensor.sensor_id), sensor.given ? ", given (dashes)" : "");
     label_y += 18;
   }
   return out + "</svg>\n";

@@ -13,7 +13,9 @@ namespace lapseam {
 /// One field's packed numbers, appended as packets come, taken off as records are complete.
 class E57Stream {
  public:
-  explicit E57Stream(const E57Field& field) : field_(field) {}
+  /// `skipped_bits` of what will be appended belong to records before the first one.
+  explicit E57Stream(const E57Field& field, std::uint64_t skipped_bits = 0)
+      : field_(field), used_bits_(std::size_t(skipped_bits)) {}
 
   void append(PagedFile& file, std::uint64_t offset, std::size_t count);
   std::uint64_t records() const;
@@ -28,11 +30,27 @@ class E57Stream {
   std::size_t used_bits_ = 0;
 };
 
+/// Where the packets of a section lie, so that readers may begin in the middle of it. At most a few times as large as
+/// the section's packet headers.
+struct E57Index {
+  std::vector<std::uint64_t> packets;       ///< logical offsets of the data packets
+  std::vector<std::uint64_t> stream_bytes;  ///< packet-major: bytes of each field in the packets before this one
+};
+/// Steps through the packets' headers. Refuses what E57Records refuses.
+E57Index index_packets(PagedFile& file, const E57Scan& scan);
+
+/// Records [begin, end).
+struct RecordRange {
+  std::uint64_t begin = 0, end = 0;
+};
+
 /// Reads records in blocks; fields that are not wanted are stepped over.
 class E57Records {
  public:
-  /// Refuses more records than the section can hold.
+  /// All records. Refuses more than the section can hold.
   E57Records(PagedFile& file, const E57Scan& scan, std::vector<int> wanted);
+  /// Some of them.
+  E57Records(PagedFile& file, const E57Scan& scan, std::vector<int> wanted, const E57Index& index, RecordRange range);
 
   static constexpr std::size_t kBlock = 4096;
   /// The next block: column k has the numbers of field wanted[k]. Nothing at the end.
@@ -40,6 +58,12 @@ class E57Records {
   std::span<const double> column(std::size_t k) const { return columns_[k]; }
 
  private:
+  friend E57Index index_packets(PagedFile& file, const E57Scan& scan);
+
+  void open_section();
+  /// Calls visit(field, logical offset, bytes) for each stream of the next packet; false: it holds no records.
+  template <typename Visit>
+  bool walk_packet(const Visit& visit);
   void read_packet();
   void refuse_truncated() const;
 
@@ -48,6 +72,7 @@ class E57Records {
   std::vector<int> wanted_;
   std::vector<E57Stream> streams_;
   std::vector<std::vector<double>> columns_;
+  std::vector<std::uint16_t> lengths_;
   std::uint64_t left_ = 0, position_ = 0, end_ = 0;  ///< records; logical offsets
 };
 

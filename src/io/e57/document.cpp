@@ -141,6 +141,7 @@ void read_representation(const Reader& reader, const xml_node& node, E57Image& i
   image.pixel_width = reader.child(node, "pixelWidth");
   image.pixel_height = reader.child(node, "pixelHeight");
   image.focal_m = reader.child(node, "focalLength");
+  image.radius_m = reader.child(node, "radius");
   image.principal_x = reader.child(node, "principalPointX");
   image.principal_y = reader.child(node, "principalPointY");
 }
@@ -158,6 +159,9 @@ E57Image read_image(const Source& source, const xml_node& node) {
   } else if (const xml_node spherical = node.child("sphericalRepresentation")) {
     image.kind = E57Image::Kind::kSpherical;
     read_representation(reader, spherical, image);
+  } else if (const xml_node cylindrical = node.child("cylindricalRepresentation")) {
+    image.kind = E57Image::Kind::kCylindrical;
+    read_representation(reader, cylindrical, image);
   }
   return image;
 }

@@ -42,13 +42,14 @@ struct E57Scan {
 };
 
 struct E57Image {
-  enum class Kind { kOther, kPinhole, kSpherical };
+  enum class Kind { kOther, kPinhole, kSpherical, kCylindrical };
   std::string guid, name, scan_guid;
   std::optional<Eigen::Isometry3d> T_world_image;  ///< of the standard's camera frame
   Kind kind = Kind::kOther;
   std::uint64_t blob_offset = 0, blob_bytes = 0;
   int width = 0, height = 0;
-  double focal_m = 0, pixel_width = 0, pixel_height = 0;  ///< pixels: metres (pinhole), radians (spherical)
+  /// Pixels: metres (pinhole), radians (spherical), radians across and metres upwards (cylindrical).
+  double focal_m = 0, radius_m = 0, pixel_width = 0, pixel_height = 0;
   double principal_x = 0, principal_y = 0;
 };
 

@@ -10,11 +10,13 @@ namespace lapseam {
 
 /// Every scan of the file is a view.
 Scene read_e57(const std::filesystem::path& file, const ReadSceneOptions& options, Context& context);
-std::unique_ptr<GridScan> open_e57_scan(const Source& source, std::uint32_t index);
+/// As open_scan().
+std::unique_ptr<GridScan> open_e57_scan(const Source& source, std::uint32_t index, std::optional<ImageSize> known_size,
+                                        Context* context);
 
-/// The image that shows the scan best, where the file has one with a camera and a pose.
-std::optional<ColorSource> find_e57_image(const Source& source, std::uint32_t scan_index,
-                                          const Eigen::Isometry3d& T_world_scan, bool has_own_color);
+/// The images of the scan that have a camera and a pose, those with the widest fields first.
+std::vector<ColorSource> find_e57_images(const Source& source, std::uint32_t scan_index,
+                                         const Eigen::Isometry3d& T_world_scan);
 ColorImage read_e57_image(const Source& source, std::uint32_t image_index);
 ImageSize probe_e57_image(const Source& source, std::uint32_t image_index);
 

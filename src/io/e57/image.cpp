@@ -1,5 +1,6 @@
 // Image2D entries of an E57 file as colour cameras.
 
+#include <algorithm>
 #include <cmath>
 
 #include "io/e57/compressed_vector.h"
@@ -7,6 +8,23 @@
 
 namespace lapseam {
 namespace {
+
+/// Columns are as far apart in azimuth as those of a panorama; rows, as high on a cylinder round the z axis: a table of
+/// elevations.
+std::optional<Sensor> cylinder_of(const E57Image& image) {
+  const double half_width = image.width * image.pixel_width / 2, row_height = image.pixel_height / image.radius_m;
+  if (!(half_width > 0 && half_width < 3.2 && row_height > 0 && std::isfinite(row_height * image.principal_y)))
+    return std::nullopt;
+  SphericalSensor sensor =
+      SphericalSensor::from_limits(image.width, image.height, half_width, -half_width, 1, -1);  // rows: below
+  for (int v = 0; v < image.height; ++v)
+    sensor.elevation_rad[std::size_t(v)] = std::atan((image.principal_y - (v + 0.5)) * row_height);
+  // So far up or down that rows run together.
+  if (!(sensor.elevation_rad[0] > sensor.elevation_rad[1]) ||
+      !std::is_sorted(sensor.elevation_rad.rbegin(), sensor.elevation_rad.rend()))
+    return std::nullopt;
+  return sensor;
+}
 
 /// The camera of an image, in our axes; nothing where the file does not say enough.
 std::optional<Sensor> camera_of(const E57Image& image) {
@@ -22,7 +40,14 @@ std::optional<Sensor> camera_of(const E57Image& image) {
     if (!(half_width > 0 && half_width < 3.2 && half_height > 0 && half_height < 1.6)) return std::nullopt;
     return SphericalSensor::from_limits(image.width, image.height, half_width, -half_width, half_height, -half_height);
   }
+  if (image.kind == E57Image::Kind::kCylindrical) return cylinder_of(image);
   return std::nullopt;
+}
+
+/// How much of the surroundings a camera sees, to compare by; panoramas see most.
+double field_of(const Sensor& camera) {
+  const auto* pinhole = std::get_if<PinholeSensor>(&camera);
+  return pinhole ? std::atan(pinhole->width / pinhole->fx / 2) : 10.0;
 }
 
 /// The standard's pinhole cameras look along −z with y up; ours along z with y down. Panoramas have z up in both.
@@ -41,31 +66,31 @@ const E57Image& image_at(const Source& source, const E57Document& document, std:
 
 }  // namespace
 
-std::optional<ColorSource> find_e57_image(const Source& source, std::uint32_t scan_index,
-                                          const Eigen::Isometry3d& T_world_scan, bool has_own_color) {
+std::vector<ColorSource> find_e57_images(const Source& source, std::uint32_t scan_index,
+                                         const Eigen::Isometry3d& T_world_scan) {
   PagedFile file(source);
   const E57Document document = read_e57_document(file);
   const E57Scan& scan = document.scans.at(scan_index);
-  std::optional<ColorSource> best;
-  double best_field = 0;
+  std::vector<ColorSource> found;
   for (std::size_t i = 0; i < document.images.size(); ++i) {
     const E57Image& image = document.images[i];
     const bool is_of_scan = image.scan_guid.empty() ? document.scans.size() == 1 : image.scan_guid == scan.guid;
-    const std::optional<Sensor> camera = is_of_scan ? camera_of(image) : std::nullopt;
+    // A table of angles for a panorama is not made before it is known that the file can hold one.
+    constexpr std::uint64_t kMostPixelsPerByte = 4096, kAlwaysFine = 1 << 16;
+    const std::uint64_t bytes = std::min(image.blob_bytes, file.logical_bytes());
+    const bool is_there =
+        std::uint64_t(image.width) * std::uint64_t(image.height) <= bytes * kMostPixelsPerByte + kAlwaysFine;
+    const std::optional<Sensor> camera = is_of_scan && is_there ? camera_of(image) : std::nullopt;
     if (!camera) continue;
-    const auto* pinhole = std::get_if<PinholeSensor>(&*camera);
-    // A pinhole image shows a part of a scan only: the scan's own colours are worth more.
-    if (pinhole && has_own_color) continue;
-    const double field = pinhole ? std::atan(pinhole->width / pinhole->fx / 2) : 10.0;
-    if (field <= best_field) continue;
-    best_field = field;
-    best.emplace();
-    best->file = source.file;
-    best->index = kImageOfFile + std::uint32_t(i);
-    best->camera = *camera;
-    best->T_view_color = T_world_scan.inverse() * to_our_axes(image);
+    ColorSource& color = found.emplace_back();
+    color.file = source.file;
+    color.index = kImageOfFile + std::uint32_t(i);
+    color.camera = *camera;
+    color.T_view_color = T_world_scan.inverse() * to_our_axes(image);
   }
-  return best;
+  std::stable_sort(found.begin(), found.end(),
+                   [](const ColorSource& a, const ColorSource& b) { return field_of(a.camera) > field_of(b.camera); });
+  return found;
 }
 
 ColorImage read_e57_image(const Source& source, std::uint32_t image_index) {

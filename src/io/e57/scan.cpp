@@ -1,8 +1,10 @@
 // A scan of an E57 file: records to samples.
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 
+#include "core/parallel.h"
 #include "io/e57/compressed_vector.h"
 #include "io/e57/e57.h"
 
@@ -22,49 +24,104 @@ struct Shade {
   }
 };
 
+// Scans are visited in pieces of at least so many records, and in no more pieces than that: each costs the fitting a
+// table.
+constexpr std::uint64_t kPieceRecords = 1 << 18, kMostPieces = 64;
+
+/// A set of pixels, filled from several threads.
+class PixelSet {
+ public:
+  explicit PixelSet(std::size_t pixels) : words_(pixels / 64 + 1) {}
+
+  /// True if it was there already.
+  bool add(std::size_t pixel) {
+    const std::uint64_t bit = std::uint64_t(1) << pixel % 64;
+    return words_[pixel / 64].fetch_or(bit, std::memory_order_relaxed) & bit;
+  }
+
+ private:
+  std::vector<std::atomic<std::uint64_t>> words_;
+};
+
 class E57GridScan : public GridScan {
  public:
-  E57GridScan(const Source& source, PagedFile file, E57Scan scan)
-      : source_(source), file_(std::move(file)), scan_(std::move(scan)) {
+  E57GridScan(const Source& source, E57Scan scan, std::optional<ImageSize> known_size, Context* context)
+      : source_(source), scan_(std::move(scan)) {
     if (scan_.record_count == 0) source_.refuse("points", "the scan has no points");
     choose_coordinates();
     choose_colors();
     row_ = scan_.find("rowIndex");
     column_ = scan_.find("columnIndex");
-    if (row_ >= 0 && column_ >= 0) find_size();
+    if (row_ < 0 || column_ < 0) return;
+    first_row_ = scan_.rows ? scan_.rows->minimum : 0;
+    first_column_ = scan_.columns ? scan_.columns->minimum : 0;
+    size_ = known_size;
+    if (size_) return;
+    if (context) {
+      find_size(*context);
+    } else {
+      Context alone(1);
+      find_size(alone);
+    }
   }
 
   std::optional<ImageSize> size() const override { return size_; }
   std::optional<Eigen::Isometry3d> T_world_scan() const override { return scan_.T_world_scan; }
   bool has_color() const override { return color_count_ > 0; }
 
-  MissingSamples visit(const Visit& visit) const override {
+  MissingSamples visit(bool with_color, const Visit& visit) const override {
+    return visit_records(with_color, {0, scan_.record_count}, true, visit);
+  }
+
+  std::size_t pieces() const override { return pieces_; }
+
+  void visit_piece(std::size_t piece, const VisitSample& visit) const override {
+    // Several pieces there are only where no pixel has two returns.
+    visit_records(false, piece_range(piece), pieces_ == 1, [&](const GridSample& sample, Rgb8) { visit(sample); });
+  }
+
+ private:
+  RecordRange piece_range(std::size_t piece) const {
+    return {scan_.record_count * piece / pieces_, scan_.record_count * (piece + 1) / pieces_};
+  }
+
+  E57Records records_of(PagedFile& file, std::vector<int> wanted, RecordRange range) const {
+    if (range.begin == 0 && range.end == scan_.record_count) return {file, scan_, std::move(wanted)};
+    return {file, scan_, std::move(wanted), index_, range};
+  }
+
+  /// Samples of some records, in order; of several in one pixel the first, if that is asked for.
+  template <typename VisitRecord>
+  MissingSamples visit_records(bool with_color, RecordRange range, bool is_first_only, const VisitRecord& visit) const {
     std::vector<int> wanted = coordinates_;
     const auto want = [&](int field) {
       if (field < 0) return -1;
       wanted.push_back(field);
       return int(wanted.size()) - 1;
     };
+    const std::size_t color_count = with_color ? color_count_ : 0;
     const int state = want(state_), row = size_ ? want(row_) : -1, column = size_ ? want(column_) : -1;
     std::array<int, 3> colors{-1, -1, -1};
-    for (std::size_t k = 0; k < color_count_; ++k) colors[k] = want(colors_[k]);
-    const int color_state = want(color_count_ > 0 ? color_state_ : -1);
+    for (std::size_t k = 0; k < color_count; ++k) colors[k] = want(colors_[k]);
+    const int color_state = want(color_count > 0 ? color_state_ : -1);
 
     PagedFile file(source_);
-    E57Records records(file, scan_, wanted);
+    E57Records records = records_of(file, wanted, range);
     MissingSamples missing;
-    std::vector<bool> seen(size_ ? std::size_t(size_->width) * std::size_t(size_->height) : 0);
+    std::vector<bool> seen(size_ && is_first_only ? std::size_t(size_->width) * std::size_t(size_->height) : 0);
     GridSample sample;
     sample.is_polar = is_polar_;
     while (const std::size_t count = records.next()) {
+      const std::array<const double*, 3> stored{records.column(0).data(), records.column(1).data(),
+                                                records.column(2).data()};
+      const double* states = state >= 0 ? records.column(std::size_t(state)).data() : nullptr;
+      const double* rows = size_ ? records.column(std::size_t(row)).data() : nullptr;
+      const double* columns = size_ ? records.column(std::size_t(column)).data() : nullptr;
       for (std::size_t i = 0; i < count; ++i) {
         sample.u = sample.v = -1;
-        if (size_) {
-          sample.u = int(records.column(std::size_t(column))[i] - first_column_);
-          sample.v = int(records.column(std::size_t(row))[i] - first_row_);
-        }
-        for (int axis = 0; axis < 3; ++axis) sample.stored[axis] = records.column(std::size_t(axis))[i];
-        if (state >= 0 && records.column(std::size_t(state))[i] != 0) {
+        if (size_) set_pixel(columns[i], rows[i], sample);
+        sample.stored = {stored[0][i], stored[1][i], stored[2][i]};
+        if (states && states[i] != 0) {
           ++missing.flagged;
         } else if (!sample.stored.allFinite()) {
           ++missing.not_finite;
@@ -72,18 +129,25 @@ class E57GridScan : public GridScan {
           ++missing.zero;
         } else if (is_polar_ && sample.stored.z() < 0) {
           ++missing.negative;
-        } else if (size_ && is_seen(seen, sample)) {
+        } else if (!seen.empty() && is_seen(seen, sample)) {
           ++missing.surplus;
         } else {
           const bool is_colored = color_state < 0 || records.column(std::size_t(color_state))[i] == 0;
-          visit(sample, is_colored ? to_color(records, colors, i) : Rgb8{});
+          visit(sample, is_colored && color_count > 0 ? to_color(records, colors, i) : Rgb8{});
         }
       }
     }
     return missing;
   }
 
- private:
+  void set_pixel(double column, double row, GridSample& sample) const {
+    const double u = column - first_column_, v = row - first_row_;
+    if (!(u >= 0 && v >= 0 && u < size_->width && v < size_->height))
+      source_.refuse("points", "the file has changed while it was read");
+    sample.u = int(u);
+    sample.v = int(v);
+  }
+
   void choose_coordinates() {
     const auto all = [&](std::initializer_list<const char*> names) {
       coordinates_.clear();
@@ -133,34 +197,78 @@ class E57GridScan : public GridScan {
   }
 
   Rgb8 to_color(const E57Records& records, const std::array<int, 3>& columns, std::size_t i) const {
-    if (color_count_ == 0) return {};
     std::array<std::uint8_t, 3> c{};
     for (std::size_t k = 0; k < color_count_; ++k) c[k] = shades_[k](records.column(std::size_t(columns[k]))[i]);
     return color_count_ == 3 ? Rgb8{c[0], c[1], c[2]} : Rgb8{c[0], c[0], c[0]};
   }
 
-  /// The grid spans what indexBounds declares and what the records have; without bounds it begins at 0.
-  void find_size() {
-    first_row_ = scan_.rows ? scan_.rows->minimum : 0;
-    first_column_ = scan_.columns ? scan_.columns->minimum : 0;
-    double last_row = scan_.rows ? scan_.rows->maximum : 0, last_column = scan_.columns ? scan_.columns->maximum : 0;
-    E57Records records(file_, scan_, {row_, column_});
-    while (const std::size_t count = records.next()) {
-      for (std::size_t i = 0; i < count; ++i) {
-        const double row = records.column(0)[i], column = records.column(1)[i];
-        if (!(row >= first_row_) || !(column >= first_column_))
-          source_.refuse("points", "a rowIndex or columnIndex lies before the first one");
-        last_row = std::max(last_row, row);
-        last_column = std::max(last_column, column);
+  struct Extent {
+    double last_row = 0, last_column = 0;
+    bool has_twice = false;  ///< a pixel has two records
+  };
+
+  /// What the records have, and what lies in `seen` twice, of a grid of this size.
+  Extent find_extent(Extent extent, ImageSize size, PixelSet* seen, Context& context) const {
+    std::vector<Extent> parts(pieces_, extent);
+    parallel_for(context, pieces_, 1, [&](std::size_t piece) {
+      PagedFile file(source_);
+      E57Records records = records_of(file, {row_, column_}, piece_range(piece));
+      Extent& part = parts[piece];
+      while (const std::size_t count = records.next()) {
+        const double *rows = records.column(0).data(), *columns = records.column(1).data();
+        for (std::size_t i = 0; i < count; ++i) {
+          const double v = rows[i] - first_row_, u = columns[i] - first_column_;
+          if (!(v >= 0) || !(u >= 0)) source_.refuse("points", "a rowIndex or columnIndex lies before the first one");
+          part.last_row = std::max(part.last_row, rows[i]);
+          part.last_column = std::max(part.last_column, columns[i]);
+          if (seen && u < size.width && v < size.height)
+            part.has_twice |= seen->add(std::size_t(v) * std::size_t(size.width) + std::size_t(u));
+        }
       }
+    });
+    for (const Extent& part : parts) {
+      extent.last_row = std::max(extent.last_row, part.last_row);
+      extent.last_column = std::max(extent.last_column, part.last_column);
+      extent.has_twice |= part.has_twice;
     }
-    const double width = last_column - first_column_ + 1, height = last_row - first_row_ + 1;
+    return extent;
+  }
+
+  /// Nothing where it would be no scan's.
+  std::optional<ImageSize> size_of(const Extent& extent) const {
+    const double width = extent.last_column - first_column_ + 1, height = extent.last_row - first_row_ + 1;
     const double most = std::min(kCellsPerRecord * double(scan_.record_count) + kAlwaysFineCells, double(kMaxPixels));
-    if (!(width >= 1 && height >= 1 && width * height <= most))
-      source_.refuse("indexBounds", "rows and columns make a grid of " + std::to_string(std::int64_t(width)) + " x " +
-                                        std::to_string(std::int64_t(height)) + " for " +
-                                        std::to_string(scan_.record_count) + " points");
-    size_ = ImageSize{int(width), int(height)};
+    if (!(width >= 1 && height >= 1 && width * height <= most)) return std::nullopt;
+    return ImageSize{int(width), int(height)};
+  }
+
+  /// The grid spans what indexBounds declares and what the records have; without bounds it begins at 0. Pieces may be
+  /// visited side by side if no pixel has two records.
+  void find_size(Context& context) {
+    pieces_ = std::size_t(std::clamp<std::uint64_t>(scan_.record_count / kPieceRecords, 1, kMostPieces));
+    if (pieces_ > 1) {
+      constexpr std::uint64_t kBlockPages = 2;  // headers lie far apart
+      PagedFile file(source_, kBlockPages);
+      index_ = index_packets(file, scan_);
+    }
+    Extent extent{scan_.rows ? scan_.rows->maximum : 0, scan_.columns ? scan_.columns->maximum : 0};
+    const std::optional<ImageSize> declared = size_of(extent);
+    // Where the bounds tell the truth, one pass answers both questions.
+    const auto pass = [&](std::optional<ImageSize> size) {
+      std::optional<PixelSet> seen;
+      if (pieces_ > 1 && size) seen.emplace(std::size_t(size->width) * std::size_t(size->height));
+      extent = find_extent(extent, size.value_or(ImageSize{}), seen ? &*seen : nullptr, context);
+    };
+    pass(declared);
+    size_ = size_of(extent);
+    if (!size_) {
+      const double width = extent.last_column - first_column_ + 1, height = extent.last_row - first_row_ + 1;
+      const auto number = [](double value) { return std::to_string(std::int64_t(std::clamp(value, -1e18, 1e18))); };
+      source_.refuse("indexBounds", "rows and columns make a grid of " + number(width) + " x " + number(height) +
+                                        " for " + std::to_string(scan_.record_count) + " points");
+    }
+    if (pieces_ > 1 && size_ != declared) pass(size_);
+    if (extent.has_twice) pieces_ = 1;
   }
 
   /// Several returns may share a pixel; the first in the file stands for it.
@@ -172,8 +280,9 @@ class E57GridScan : public GridScan {
   }
 
   Source source_;
-  PagedFile file_;
   E57Scan scan_;
+  E57Index index_;  ///< where there are several pieces
+  std::size_t pieces_ = 1;
   std::vector<int> coordinates_;
   bool is_polar_ = false;
   int state_ = -1, row_ = -1, column_ = -1, color_state_ = -1;
@@ -190,17 +299,19 @@ std::string view_name(const E57Scan& scan, std::size_t index) {
 
 }  // namespace
 
-std::unique_ptr<GridScan> open_e57_scan(const Source& source, std::uint32_t index) {
+std::unique_ptr<GridScan> open_e57_scan(const Source& source, std::uint32_t index, std::optional<ImageSize> known_size,
+                                        Context* context) {
   PagedFile file(source);
   E57Document document = read_e57_document(file);
   if (index >= document.scans.size())
     source.refuse("range.index", "there is no scan " + std::to_string(index) + "; the file has " +
                                      std::to_string(document.scans.size()));
-  return std::make_unique<E57GridScan>(source, std::move(file), std::move(document.scans[index]));
+  return std::make_unique<E57GridScan>(source, std::move(document.scans[index]), known_size, context);
 }
 
 Scene read_e57(const std::filesystem::path& path, const ReadSceneOptions& options, Context& context) {
   const Source source{path, {}};
+  check_e57_pages(source, context);
   PagedFile file(source);
   const E57Document document = read_e57_document(file);
   if (document.scans.empty()) {

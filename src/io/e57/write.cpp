@@ -10,6 +10,7 @@
 #include <numbers>
 #include <utility>
 
+#include "core/xml.h"
 #include "io/e57/crc32c.h"
 #include "io/e57/paged_file.h"
 #include "io/output_file.h"
@@ -104,28 +105,13 @@ std::string number(double value) {
   return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
 }
 
-std::string escaped(std::string_view text) {
-  std::string out;
-  for (const char c : text) {
-    if (c == '&')
-      out += "&amp;";
-    else if (c == '<')
-      out += "&lt;";
-    else if (c == '>')
-      out += "&gt;";
-    else
-      out += c >= 0 && c < ' ' ? ' ' : c;
-  }
-  return out;
-}
-
 class Xml {
  public:
   void open(const std::string& name, const std::string& attributes) { text += "<" + name + " " + attributes + ">"; }
   void close(const std::string& name) { text += "</" + name + ">\n"; }
   void structure(const std::string& name) { open(name, "type=\"Structure\""); }
   void string(const std::string& name, std::string_view value) {
-    text += "<" + name + " type=\"String\">" + escaped(value) + "</" + name + ">\n";
+    text += "<" + name + " type=\"String\">" + escape_xml(value) + "</" + name + ">\n";
   }
   void integer(const std::string& name, std::int64_t value) {
     text += "<" + name + " type=\"Integer\">" + std::to_string(value) + "</" + name + ">\n";
