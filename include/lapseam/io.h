@@ -55,9 +55,21 @@ void write_text(const std::filesystem::path& file, std::string_view text);
 
 // ---- meshes
 
+enum class TextureFormat {
+  kJpeg,
+  kPng,   ///< lossless
+  kWebp,  ///< GLB only (EXT_texture_webp): about half of the JPEG's size, colour at half resolution
+};
+
 struct WriteMeshOptions {
-  bool with_provenance = true;  ///< PLY: per-vertex view and pixel, per-face view and tag
-  int jpeg_quality = 90;        ///< GLB and OBJ texture pages
+  bool with_provenance = true;                          ///< PLY: per-vertex view and pixel, per-face view and tag
+  TextureFormat texture_format = TextureFormat::kJpeg;  ///< GLB and OBJ texture pages
+  int texture_quality = 97;                             ///< 1 to 100; of JPEG and WebP
+  // GLB only:
+  bool is_lit = false;    ///< a matte material that a viewer lights; otherwise textures and colours show as they are
+  bool quantize = false;  ///< 16-bit positions and texture coordinates (KHR_mesh_quantization)
+  bool compress =
+      false;  ///< triangles and vertices packed by meshoptimizer (EXT_meshopt_compression), in another order
 };
 /// By the ending of the name: .ply (binary), .obj (+ .mtl + pages), .glb, .stl (triangles alone). Written to a
 /// temporary name, then renamed.

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "io/source.h"
 #include "lapseam/image.h"
@@ -18,6 +19,7 @@ struct PngProbe {
 PngProbe probe_png(const Source& source);
 Image<std::uint16_t> decode_png16(const Source& source, std::span<const char> bytes);
 ColorImage decode_png(const Source& source, std::span<const char> bytes);
+std::vector<char> encode_png(const ColorImage& image);
 
 ImageSize probe_jpeg(const Source& source);
 ColorImage decode_jpeg(const Source& source, std::span<const char> bytes);

@@ -302,7 +302,10 @@ class GlbReader {
     const auto texture_info = surface_of(primitive).find("baseColorTexture");
     if (texture_info == surface_of(primitive).end()) return kInvalidIndex;
     const json& texture = document_.item("textures", document_.integer(*texture_info, "index"));
-    const std::uint64_t image = document_.integer(texture, "source");
+    const json* source = &texture;
+    if (const auto found = texture.find("extensions"); found != texture.end() && found->contains("EXT_texture_webp"))
+      source = &found->at("EXT_texture_webp");
+    const std::uint64_t image = document_.integer(*source, "source");
     const auto [entry, is_new] = image_pages_.try_emplace(image, std::uint32_t(mesh_.pages.size()));
     if (is_new) mesh_.pages.push_back(decode_page(document_.image_bytes(image), document_.file()));
     return entry->second;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "io/gltf_vertices.h"
 #include "lapseam/error.h"
 
 namespace lapseam {
@@ -133,7 +134,8 @@ void GltfDocument::check_extensions() const {
   const auto required = root_.find("extensionsRequired");
   if (required == root_.end()) return;
   for (const json& name : *required)
-    if (name != "KHR_materials_unlit" && name != "KHR_mesh_quantization")
+    if (name != "KHR_materials_unlit" && name != "KHR_mesh_quantization" && name != "EXT_meshopt_compression" &&
+        name != "EXT_texture_webp")
       fail("extensionsRequired", "the file cannot be read without the extension " + name.dump());
 }
 
@@ -168,6 +170,8 @@ bool GltfDocument::numbers(const json& object, const char* key, std::span<double
 
 std::span<const char> GltfDocument::buffer_view(std::uint64_t index) const {
   const json& view = item("bufferViews", index);
+  if (const auto found = view.find("extensions"); found != view.end() && found->contains("EXT_meshopt_compression"))
+    return unpacked_view(index, found->at("EXT_meshopt_compression"));
   const json& buffer = item("buffers", integer(view, "buffer"));
   if (integer(view, "buffer") != 0 || buffer.contains("uri"))
     fail("buffers", "data outside of the GLB file are not supported");
@@ -175,6 +179,20 @@ std::span<const char> GltfDocument::buffer_view(std::uint64_t index) const {
   if (offset > binary_.size() || length > binary_.size() - offset)
     fail("bufferViews", "item " + std::to_string(index) + " reaches beyond the end of the file");
   return binary_.subspan(offset, length);
+}
+
+std::span<const char> GltfDocument::unpacked_view(std::uint64_t index, const json& extension) const {
+  if (const auto known = unpacked_.find(index); known != unpacked_.end()) return known->second;
+  const std::string field = "bufferViews item " + std::to_string(index);
+  const std::uint64_t offset = integer(extension, "byteOffset", 0), length = integer(extension, "byteLength");
+  if (integer(extension, "buffer") != 0) fail(field, "data outside of the GLB file are not supported");
+  if (offset > binary_.size() || length > binary_.size() - offset) fail(field, "reaches beyond the end of the file");
+  if (extension.value("filter", "NONE") != "NONE") fail(field, "filters of EXT_meshopt_compression are not supported");
+  std::vector<char>& bytes = unpacked_[index];
+  if (!unpack(binary_.subspan(offset, length), extension.value("mode", ""), integer(extension, "count"),
+              integer(extension, "byteStride"), bytes))
+    fail(field, "damaged EXT_meshopt_compression");
+  return bytes;
 }
 
 GltfAccessor GltfDocument::accessor(std::uint64_t index) const {

@@ -4,9 +4,11 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <string>
+#include <vector>
 
 namespace lapseam {
 
@@ -58,11 +60,13 @@ class GltfDocument {
 
  private:
   void check_extensions() const;
+  std::span<const char> unpacked_view(std::uint64_t index, const nlohmann::json& extension) const;
 
   std::filesystem::path file_;
   std::size_t file_bytes_;
   nlohmann::json root_;
   std::span<const char> binary_;
+  mutable std::map<std::uint64_t, std::vector<char>> unpacked_;  // of compressed buffer views
 };
 
 }  // namespace lapseam

@@ -7,6 +7,7 @@
 #include "io/output_file.h"
 #include "io/page_codec.h"
 #include "io/weld_corners.h"
+#include "lapseam/error.h"
 
 namespace lapseam {
 namespace {
@@ -33,7 +34,7 @@ class Line {
 };
 
 std::string material_name(std::uint32_t page) {
-  if (page == kInvalidIndex) return "untextured";
+  if (page == kInvalidIndex) return "unseen";
   char name[24];
   std::snprintf(name, sizeof name, "page_%03u", page);
   return name;
@@ -71,7 +72,8 @@ void write_faces(const WeldedPage& page, std::size_t texcoord_base, OutputFile& 
 /// The materials and page images of one OBJ file, still under temporary names.
 class MaterialFiles {
  public:
-  MaterialFiles(const std::filesystem::path& obj_file, int jpeg_quality) : obj_file_(obj_file), quality_(jpeg_quality) {
+  MaterialFiles(const std::filesystem::path& obj_file, const WriteMeshOptions& options)
+      : obj_file_(obj_file), options_(options) {
     std::filesystem::path file = obj_file;
     file.replace_extension(".mtl");
     name_ = file.filename().string();
@@ -87,10 +89,10 @@ class MaterialFiles {
     materials_->write("\nnewmtl " + material + "\nillum 0\n");
     if (page == kInvalidIndex) return;
     std::filesystem::path file = obj_file_;
-    file.replace_filename(obj_file_.stem().string() + "_" + material + ".jpg");
+    file.replace_filename(obj_file_.stem().string() + "_" + material + file_ending(options_.texture_format));
     materials_->write("Kd 1 1 1\nmap_Kd " + file.filename().string() + "\n");
     images_.push_back(std::make_unique<OutputFile>(file));
-    const std::vector<char> bytes = encode_jpeg(mesh.pages[page], quality_);
+    const std::vector<char> bytes = encode_page(mesh.pages[page], options_.texture_format, options_.texture_quality);
     images_.back()->write(bytes.data(), bytes.size());
     images_.back()->close();
   }
@@ -103,7 +105,7 @@ class MaterialFiles {
 
  private:
   std::filesystem::path obj_file_;
-  int quality_;
+  const WriteMeshOptions& options_;
   std::string name_;
   std::unique_ptr<OutputFile> materials_;
   std::vector<std::unique_ptr<OutputFile>> images_;
@@ -112,12 +114,14 @@ class MaterialFiles {
 }  // namespace
 
 void write_obj(const Mesh& mesh, const std::filesystem::path& file, const WriteMeshOptions& options) {
+  if (options.texture_format == TextureFormat::kWebp)
+    throw InvalidInput(file, {}, "texture format", "an OBJ's materials are JPEG or PNG: WebP is read by few programs");
   const std::vector<WeldedPage> pages = weld_corners(mesh);
   OutputFile out(file);
   out.write("# written by lapseam; metres\n");
   std::unique_ptr<MaterialFiles> materials;
   if (!pages.empty() && pages.front().page != kInvalidIndex) {
-    materials = std::make_unique<MaterialFiles>(file, options.jpeg_quality);
+    materials = std::make_unique<MaterialFiles>(file, options);
     out.write("mtllib " + materials->name() + "\n");
   }
   write_vertices(mesh, out);

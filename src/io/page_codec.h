@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "lapseam/image.h"
+#include "lapseam/io.h"
 
 namespace lapseam {
 
@@ -15,7 +16,14 @@ namespace lapseam {
 /// 1…100.
 std::vector<char> encode_jpeg(const ColorImage& image, int quality);
 
-/// JPEG or PNG, by content. `file` is the one that the bytes are in, for errors (InvalidInput).
+/// In one of the formats that pages are written in; quality: of JPEG and WebP. Throws as encode_jpeg does; a WebP image
+/// has up to 16,383 pixels in each direction.
+std::vector<char> encode_page(const ColorImage& image, TextureFormat format, int quality);
+/// "image/jpeg" and the like; ".jpg" and the like.
+const char* mime_type(TextureFormat format);
+const char* file_ending(TextureFormat format);
+
+/// JPEG, PNG or WebP, by content. `file` is the one that the bytes are in, for errors (InvalidInput).
 ColorImage decode_page(std::span<const char> bytes, const std::filesystem::path& file);
 
 }  // namespace lapseam

@@ -54,8 +54,9 @@ class Decoder {
   spng_ihdr header_{};
 };
 
-void encode(const std::filesystem::path& file, ImageSize size, spng_color_type color_type, std::uint8_t bit_depth,
-            const void* pixels, std::size_t pixels_bytes) {
+/// file: to name in errors.
+std::vector<char> encode(const std::filesystem::path& file, ImageSize size, spng_color_type color_type,
+                         std::uint8_t bit_depth, const void* pixels, std::size_t pixels_bytes) {
   if (pixels_bytes == 0) throw InvalidInput(file, {}, "size", "an image without pixels cannot be written");
   const ContextPointer context = make_context(SPNG_CTX_ENCODER);
   const auto check = [&file](int error) {
@@ -77,9 +78,19 @@ void encode(const std::filesystem::path& file, ImageSize size, spng_color_type c
   const std::unique_ptr<void, decltype(&std::free)> encoded(spng_get_png_buffer(context.get(), &encoded_bytes, &error),
                                                             &std::free);
   check(error);
+  const char* begin = static_cast<const char*>(encoded.get());
+  return std::vector<char>(begin, begin + encoded_bytes);
+}
+
+void write_bytes(const std::filesystem::path& file, const std::vector<char>& bytes) {
   OutputFile output(file);
-  output.write(encoded.get(), encoded_bytes);
+  output.write(bytes.data(), bytes.size());
   output.commit();
+}
+
+std::vector<char> encode_color(const std::filesystem::path& file, const ColorImage& image) {
+  return encode(file, {image.width, image.height}, SPNG_COLOR_TYPE_TRUECOLOR, 8, image.pixels.data(),
+                image.size() * sizeof(Rgb8));
 }
 
 std::uint32_t big_endian_32(const std::string& bytes, std::size_t at) {
@@ -117,13 +128,14 @@ ColorImage decode_png(const Source& source, std::span<const char> bytes) {
 }
 
 void write_png(const std::filesystem::path& file, const ColorImage& image) {
-  encode(file, {image.width, image.height}, SPNG_COLOR_TYPE_TRUECOLOR, 8, image.pixels.data(),
-         image.size() * sizeof(Rgb8));
+  write_bytes(file, encode_color(file, image));
 }
 
+std::vector<char> encode_png(const ColorImage& image) { return encode_color("page", image); }
+
 void write_png16(const std::filesystem::path& file, const Image<std::uint16_t>& image) {
-  encode(file, {image.width, image.height}, SPNG_COLOR_TYPE_GRAYSCALE, 16, image.pixels.data(),
-         image.size() * sizeof(std::uint16_t));
+  write_bytes(file, encode(file, {image.width, image.height}, SPNG_COLOR_TYPE_GRAYSCALE, 16, image.pixels.data(),
+                           image.size() * sizeof(std::uint16_t)));
 }
 
 }  // namespace lapseam

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
@@ -51,6 +52,68 @@ TEST_F(Glb, TexturedAndColoredTrianglesShareVertices) {
   for (std::size_t i = 0; i < mesh.triangle_count(); ++i) {
     if (mesh.triangle_page[i] != kInvalidIndex) continue;
     for (std::size_t k = 0; k < 3; ++k) EXPECT_EQ(back.colors[back.triangles[i][k]], mesh.colors[mesh.triangles[i][k]]);
+  }
+}
+
+// Corners of each triangle in the world, from its first in lexical order, and the triangles sorted: what stays the same
+// when vertices and triangles are put in another order.
+std::vector<std::array<Eigen::Vector3d, 3>> sorted_corners(const Mesh& mesh) {
+  const auto is_before = [](const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+    return std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
+  };
+  std::vector<std::array<Eigen::Vector3d, 3>> out;
+  for (const Triangle& t : mesh.triangles) {
+    std::array<Eigen::Vector3d, 3> corners;
+    for (std::size_t k = 0; k < 3; ++k) {
+      // Rounded to the grid of the sample mesh, so that quantized positions sort alike.
+      const Eigen::Vector3d p = mesh.origin_m + mesh.positions_m[t[k]].cast<double>();
+      corners[k] = (p.array() * 1000).round() / 1000;
+    }
+    std::rotate(corners.begin(), std::min_element(corners.begin(), corners.end(), is_before), corners.end());
+    out.push_back(corners);
+  }
+  std::sort(out.begin(), out.end(), [&](const auto& a, const auto& b) {
+    return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end(), is_before);
+  });
+  return out;
+}
+
+TEST_F(Glb, CompressedAndQuantizedHoldTheSameTriangles) {
+  Mesh mesh = test::grid_mesh(12, 10);
+  test::add_texture(mesh);
+  test::add_colors(mesh);
+  for (const bool quantize : {false, true})
+    for (const bool compress : {false, true}) {
+      write_mesh(mesh, path("a.glb"), {.quantize = quantize, .compress = compress});
+      const Mesh back = read_mesh(path("a.glb"));
+      EXPECT_EQ(sorted_corners(back), sorted_corners(mesh)) << quantize << compress;
+      ASSERT_EQ(back.pages.size(), mesh.pages.size());
+      const json document = document_of(read("a.glb"));
+      const auto requires_extension = [&](const char* name) {
+        const json names = document.value("extensionsRequired", json::array());
+        return std::find(names.begin(), names.end(), name) != names.end();
+      };
+      EXPECT_EQ(requires_extension("KHR_mesh_quantization"), quantize);
+      EXPECT_EQ(requires_extension("EXT_meshopt_compression"), compress);
+    }
+}
+
+TEST_F(Glb, EveryTextureFormatIsReadAgain) {
+  Mesh mesh = test::grid_mesh(12, 10);
+  test::add_texture(mesh);
+  write_mesh(mesh, path("png.glb"), {.texture_format = TextureFormat::kPng});
+  EXPECT_EQ(read_mesh(path("png.glb")).pages.front().pixels, mesh.pages.front().pixels) << "PNG loses nothing";
+  write_mesh(mesh, path("webp.glb"), {.texture_format = TextureFormat::kWebp});
+  test::expect_similar_pages(mesh, read_mesh(path("webp.glb")));
+  EXPECT_THROW(write_mesh(mesh, path("a.obj"), {.texture_format = TextureFormat::kWebp}), InvalidInput);
+}
+
+TEST_F(Glb, LitMaterialIsAnOption) {
+  Mesh mesh = test::grid_mesh(6, 6);
+  test::add_texture(mesh);
+  for (const bool is_lit : {false, true}) {
+    write_mesh(mesh, path("a.glb"), {.is_lit = is_lit});
+    EXPECT_EQ(read("a.glb").find("KHR_materials_unlit") == std::string::npos, is_lit);
   }
 }
 

@@ -41,12 +41,21 @@ async function testValidator() {
   makeRoom();
   const tiles = fs.readdirSync(at('tiles', 'tiles')).map((name) => at('tiles', 'tiles', name));
   check(tiles.length > 4, `only ${tiles.length} tiles`);
-  for (const file of [at('room.glb'), ...tiles]) {
+  const ways = {
+    jpeg: [],
+    png: ['--texture-format', 'png', '--material', 'matte'],
+    webp: ['--texture-format', 'webp', '--quantize'],
+    meshopt: ['--meshopt'],
+    small: ['--texture-format', 'webp', '--quantize', '--meshopt', '--material', 'matte'],
+  };
+  for (const [name, options] of Object.entries(ways))
+    run('texture', at('room.ply'), at('room', 'scene.json'), '-o', at(`${name}.glb`), ...options);
+  for (const file of [at('room.glb'), ...Object.keys(ways).map((name) => at(`${name}.glb`)), ...tiles]) {
     const report = await validator.validateBytes(new Uint8Array(fs.readFileSync(file)));
     const {numErrors, numWarnings} = report.issues;
     check(numErrors === 0 && numWarnings === 0, `${file}: ${JSON.stringify(report.issues.messages.slice(0, 3))}`);
   }
-  console.log(`validator: room.glb and ${tiles.length} tiles, no error, no warning`);
+  console.log(`validator: room.glb in ${1 + Object.keys(ways).length} ways and ${tiles.length} tiles, no error, no warning`);
 }
 
 // Points of a PTX file, in the world; scan by scan, row by row from the top, which is the order of our E57 files.

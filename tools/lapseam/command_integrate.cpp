@@ -56,7 +56,7 @@ void run(const IntegrateArguments& arguments) {
   const IntegrateResult result = integrate(scene, options, *context);
   {
     StageScope stage(*context, "write");
-    write_mesh(result.mesh, arguments.output);
+    write_mesh(result.mesh, arguments.output, arguments.texture.writing);
   }
   if (!arguments.report.empty()) write_report(arguments.report, result.report, *context);
   const MeshHealth& health = result.report.health;

@@ -48,6 +48,7 @@ void check_provenance(const Mesh& mesh, const Scene& scene, const std::string& f
 
 void run(const Arguments& arguments) {
   check_output(arguments.output);
+  check_texture_output(arguments.texture, arguments.output);
   const std::unique_ptr<Context> context = make_context(arguments.common);
   Scene scene = read_scene(arguments.scene, {}, *context);
   Mesh mesh = read_mesh(arguments.mesh);
@@ -63,7 +64,7 @@ void run(const Arguments& arguments) {
   if (std::filesystem::path(arguments.output).extension() == ".ply") color_vertices(mesh, *context);
   {
     StageScope stage(*context, "write");
-    write_mesh(mesh, arguments.output);
+    write_mesh(mesh, arguments.output, arguments.texture.writing);
   }
   if (!arguments.report.empty()) write_report(arguments.report, report, *context);
   fmt::print("{}: {} triangles, {} charts on {} pages, {:.1f} % filled; {} triangles unseen\n", arguments.output,

@@ -1,5 +1,8 @@
 #include "texture_arguments.h"
 
+#include <filesystem>
+#include <map>
+
 namespace lapseam::tool {
 
 void add_texture_options(CLI::App& command, TextureArguments& arguments) {
@@ -20,6 +23,37 @@ void add_texture_options(CLI::App& command, TextureArguments& arguments) {
       .add_flag("--no-equalize", arguments.no_equalize, "Leave exposure and white balance of the images as they are")
       ->group(group);
   command.add_flag("--no-level", arguments.no_level, "Leave the colour steps between images as they are")->group(group);
+  WriteMeshOptions& writing = arguments.writing;
+  static const std::map<std::string, TextureFormat> kFormats = {
+      {"jpeg", TextureFormat::kJpeg}, {"png", TextureFormat::kPng}, {"webp", TextureFormat::kWebp}};
+  command
+      .add_option_function<std::string>(
+          "--texture-format", [&writing](const std::string& name) { writing.texture_format = kFormats.at(name); },
+          "Images in .glb and beside .obj: jpeg, png (lossless) or webp (.glb alone)")
+      ->check(CLI::IsMember({"jpeg", "png", "webp"}))
+      ->default_str("jpeg")
+      ->group(group);
+  command.add_option("--texture-quality", writing.texture_quality, "Of JPEG and WebP")
+      ->check(CLI::Range(1, 100))
+      ->capture_default_str()
+      ->group(group);
+  command
+      .add_option_function<std::string>(
+          "--material", [&writing](const std::string& name) { writing.is_lit = name == "matte"; },
+          "In .glb: unlit shows the photographs as they are, matte is lit by the viewer")
+      ->check(CLI::IsMember({"unlit", "matte"}))
+      ->default_str("unlit")
+      ->group(group);
+  command.add_flag("--quantize", writing.quantize, "16-bit geometry in .glb (KHR_mesh_quantization)")->group(group);
+  command
+      .add_flag("--meshopt", writing.compress, "Geometry in .glb compressed (EXT_meshopt_compression), a third or less")
+      ->group(group);
+}
+
+void check_texture_output(const TextureArguments& arguments, const std::string& output) {
+  const bool is_glb = std::filesystem::path(output).extension() == ".glb";
+  if (arguments.writing.texture_format == TextureFormat::kWebp && !is_glb)
+    throw CLI::ValidationError("--texture-format", "webp is for .glb: " + output);
 }
 
 TextureOptions texture_options(const TextureArguments& arguments) {

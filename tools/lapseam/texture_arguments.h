@@ -4,6 +4,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "lapseam/io.h"
 #include "lapseam/texture.h"
 
 namespace lapseam::tool {
@@ -12,9 +13,12 @@ struct TextureArguments {
   int page_size = TextureOptions{}.page_size;
   double memory_mb = 0, texel_mm = 0;
   bool no_equalize = false, no_level = false;
+  WriteMeshOptions writing;
 };
 
 void add_texture_options(CLI::App& command, TextureArguments& arguments);
 TextureOptions texture_options(const TextureArguments& arguments);
+/// Refuses a texture format that the output cannot have, before the work starts.
+void check_texture_output(const TextureArguments& arguments, const std::string& output);
 
 }  // namespace lapseam::tool
