@@ -12,7 +12,8 @@ namespace lapseam {
 namespace {
 
 // Bilinear lookup in mip level 3 reads the blocks of the four nearest block centres: half a block around each point.
-constexpr float kReach_px = 0.5f * kBlock_px + 0.5f;
+constexpr int kHalfBlock_px = kBlock_px / 2;
+constexpr float kReach_px = float(kHalfBlock_px) + 0.02f;
 constexpr float kAffine_px = 0.25f;
 // Blocks left of and above an image that its triangles' surroundings may reach into.
 constexpr int kMargin = 2;
@@ -66,16 +67,17 @@ bool project_triangle(const std::array<Eigen::Vector3f, 3>& corners_m, const Col
 /// The triangles of one view at one scale, and the grid of their blocks.
 class Sheet {
  public:
-  Sheet(std::uint32_t view, float scale, const ColorCamera& camera)
+  Sheet(std::uint32_t view, float scale, const ColorCamera& camera, int page_blocks)
       : view_(view),
         scale_(scale),
+        page_blocks_(page_blocks),
         columns_((camera.wraps() ? 2 : 1) * blocks(camera.width()) + 2 * kMargin),
         rows_(blocks(camera.height()) + 2 * kMargin) {}
 
   void add(std::uint32_t triangle) { triangles_.push_back(triangle); }
 
   /// Cuts into charts; their triangles' pixels change from the scaled image's to the chart's.
-  std::vector<Chart> cut(int page_blocks, std::vector<Corners>& pixels) const {
+  std::vector<Chart> cut(std::vector<Corners>& pixels) const {
     const std::size_t count = std::size_t(columns_) * std::size_t(rows_);
     DisjointSets sets(count);
     for (const std::uint32_t i : triangles_) {
@@ -93,9 +95,9 @@ class Sheet {
     for (const std::uint32_t i : triangles_) {
       const std::uint32_t root = root_of(pixels[i], sets);
       const auto& b = box[root];
-      const bool is_large = b[2] - b[0] >= page_blocks || b[3] - b[1] >= page_blocks;
+      const bool is_large = b[2] - b[0] >= page_blocks_ || b[3] - b[1] >= page_blocks_;
       const Eigen::Vector2f middle = (pixels[i][0] + pixels[i][1] + pixels[i][2]) / 3;
-      const float tile_px = 0.5f * float(page_blocks * kBlock_px);
+      const float tile_px = 0.5f * float(page_blocks_ * kBlock_px);
       const auto tile = [&](float x, int from) {
         return is_large ? int((x - float((from - kMargin) * kBlock_px)) / tile_px) : 0;
       };
@@ -141,13 +143,83 @@ class Sheet {
       const Eigen::Vector2f middle = (pixels[i][0] + pixels[i][1] + pixels[i][2]) / 3 - corner_of(whole);
       (middle[cut.axis] < float(cut.at * kBlock_px) ? low : high).push_back(i);
     }
-    if (low.empty() || high.empty()) {
-      for (const std::uint32_t i : whole.triangles)
-        for (Eigen::Vector2f& q : pixels[i]) q -= corner_of(whole);
-      return charts.push_back(std::move(whole));
-    }
+    if (low.empty() || high.empty()) return charts.push_back(align(std::move(whole), pixels));
     split(std::move(low), pixels, charts);
     split(std::move(high), pixels, charts);
+  }
+
+  /// Moves a chart to where it owns the fewest blocks, and its triangles' pixels into it.
+  Chart align(Chart chart, std::vector<Corners>& pixels) const {
+    const auto move = [&](const Eigen::Vector2i& by) {
+      for (const std::uint32_t i : chart.triangles)
+        for (Eigen::Vector2f& q : pixels[i]) q += by.cast<float>();
+    };
+    const Eigen::Vector2i shift = best_shift(chart.triangles, pixels);
+    move(shift);
+    Chart moved = make_chart(chart.triangles, pixels);
+    if (owned_blocks(moved) < owned_blocks(chart) && moved.shape.width <= page_blocks_ &&
+        moved.shape.height <= page_blocks_) {
+      move(-moved.corner_px);
+      moved.corner_px -= shift;
+      return moved;
+    }
+    move(-shift - chart.corner_px);
+    return chart;
+  }
+
+  static std::ptrdiff_t owned_blocks(const Chart& chart) {
+    return std::count(chart.shape.used.begin(), chart.shape.used.end(), 1);
+  }
+
+  /// Of the 8 × 8 ways in which a grid of blocks may lie over triangles, the one where the fewest blocks are read:
+  /// those that have some pixel of them in a square of twice their size.
+  static Eigen::Vector2i best_shift(const std::vector<std::uint32_t>& triangles, const std::vector<Corners>& pixels) {
+    const auto cell = [](float x) { return int(std::floor(x + 0.5f)); };
+    Eigen::Vector2f low = pixels[triangles.front()][0], high = low;
+    for (const std::uint32_t i : triangles)
+      for (const Eigen::Vector2f& q : pixels[i]) low = low.cwiseMin(q), high = high.cwiseMax(q);
+    constexpr int kWindow = 2 * kBlock_px;
+    const int x0 = cell(low.x()), y0 = cell(low.y());
+    const int width = cell(high.x()) - x0 + 1, height = cell(high.y()) - y0 + 1;
+    Image<std::uint8_t> shown(width, height);
+    for (const std::uint32_t i : triangles) {
+      const Corners& p = pixels[i];
+      const Eigen::Vector2f from = p[0].cwiseMin(p[1]).cwiseMin(p[2]), to = p[0].cwiseMax(p[1]).cwiseMax(p[2]);
+      for (int y = cell(from.y()); y <= cell(to.y()); ++y)
+        for (int x = cell(from.x()); x <= cell(to.x()); ++x)
+          if (meets(p, {float(x) - 0.5f, float(y) - 0.5f}, {float(x) + 0.5f, float(y) + 0.5f}))
+            shown.at(x - x0, y - y0) = 1;
+    }
+    // Of each window by its last column and row: whether it shows something; first along rows, then along columns.
+    const int columns = width + kWindow - 1, rows = height + kWindow - 1;
+    Image<std::uint8_t> in_row(columns, height);
+    for (int y = 0; y < height; ++y)
+      for (int x = 0, last = -kWindow; x < columns; ++x) {
+        if (x < width && shown.at(x, y)) last = x;
+        in_row.at(x, y) = x - last < kWindow;
+      }
+    std::array<std::array<std::uint32_t, kBlock_px>, kBlock_px> blocks{};
+    std::vector<int> last(std::size_t(columns), -kWindow);
+    for (int y = 0; y < rows; ++y)
+      for (int x = 0; x < columns; ++x) {
+        int& row = last[std::size_t(x)];
+        if (y < height && in_row.at(x, y)) row = y;
+        blocks[std::size_t(y % kBlock_px)][std::size_t(x % kBlock_px)] += y - row < kWindow;
+      }
+    Eigen::Vector2i best(0, 0);
+    std::uint32_t fewest = 0xffffffff;
+    for (int v = 0; v < kBlock_px; ++v)
+      for (int u = 0; u < kBlock_px; ++u) {
+        const std::uint32_t count = blocks[std::size_t(v)][std::size_t(u)];
+        if (count >= fewest) continue;
+        fewest = count;
+        // The window ends half a block after its block does.
+        const auto shift = [](int last_px) {
+          return ((kHalfBlock_px - 1 - last_px) % kBlock_px + kBlock_px) % kBlock_px;
+        };
+        best = {shift(x0 + u), shift(y0 + v)};
+      }
+    return best;
   }
 
   struct Cut {
@@ -192,9 +264,7 @@ class Sheet {
     return high < low ? 0 : double(to - from) * double(high - low + 1);
   }
 
-  static Eigen::Vector2f corner_of(const Chart& chart) {
-    return {float(chart.block_u0 * kBlock_px), float(chart.block_v0 * kBlock_px)};
-  }
+  static Eigen::Vector2f corner_of(const Chart& chart) { return chart.corner_px.cast<float>(); }
 
   Chart make_chart(std::vector<std::uint32_t> triangles, const std::vector<Corners>& pixels) const {
     std::array<int, 4> box = {columns_, rows_, -1, -1};
@@ -202,16 +272,14 @@ class Sheet {
     Chart chart;
     chart.view = view_;
     chart.scale = scale_;
-    chart.block_u0 = box[0] - kMargin;
-    chart.block_v0 = box[1] - kMargin;
+    const int u0 = box[0] - kMargin, v0 = box[1] - kMargin;
+    chart.corner_px = {u0 * kBlock_px, v0 * kBlock_px};
     chart.shape.width = box[2] - box[0] + 1;
     chart.shape.height = box[3] - box[1] + 1;
     chart.shape.used.assign(std::size_t(chart.shape.width) * std::size_t(chart.shape.height), 0);
     for (const std::uint32_t i : triangles)
       for_blocks(pixels[i], [&](int u, int v) {
-        chart.shape
-            .used[std::size_t(v - chart.block_v0) * std::size_t(chart.shape.width) + std::size_t(u - chart.block_u0)] =
-            1;
+        chart.shape.used[std::size_t(v - v0) * std::size_t(chart.shape.width) + std::size_t(u - u0)] = 1;
       });
     chart.triangles = std::move(triangles);
     return chart;
@@ -219,6 +287,7 @@ class Sheet {
 
   std::uint32_t view_;
   float scale_;
+  int page_blocks_;
   int columns_, rows_;
   std::vector<std::uint32_t> triangles_;
 };
@@ -246,12 +315,12 @@ Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, std::span<cons
   for (std::uint32_t i = 0; i < mesh.triangle_count(); ++i)
     if (is_seen[i]) {
       const std::pair key(view_of_triangle[i], scale_of_triangle[i]);
-      sheets.try_emplace(key, key.first, key.second, *cameras[key.first]).first->second.add(i);
+      sheets.try_emplace(key, key.first, key.second, *cameras[key.first], page_blocks).first->second.add(i);
     }
   std::vector<const Sheet*> order;
   for (const auto& [key, sheet] : sheets) order.push_back(&sheet);
   std::vector<std::vector<Chart>> charts(order.size());
-  parallel_for(context, order.size(), 1, [&](std::size_t k) { charts[k] = order[k]->cut(page_blocks, out.pixels); });
+  parallel_for(context, order.size(), 1, [&](std::size_t k) { charts[k] = order[k]->cut(out.pixels); });
   for (std::vector<Chart>& some : charts)
     for (Chart& chart : some) out.charts.push_back(std::move(chart));
   std::sort(out.charts.begin(), out.charts.end(),

@@ -18,11 +18,11 @@ class Context;
 /// blocks: neither mixes charts.
 inline constexpr int kBlock_px = 8;
 
-/// Pixels of one image, or of a smaller copy of it. Its blocks are aligned with those of the page.
+/// Pixels of one image, or of a smaller copy of it, moved by whole pixels so that it owns few blocks of the page.
 struct Chart {
   std::uint32_t view = 0;
   float scale = 1;                         ///< pixels of the chart per pixel of the image
-  int block_u0 = 0, block_v0 = 0;          ///< where its first column and row of blocks lie in the scaled image
+  Eigen::Vector2i corner_px{0, 0};         ///< where its first pixel lies in the scaled image
   BlockShape shape;                        ///< blocks that it owns
   BlockPlace place;                        ///< page, and blocks there
   std::vector<std::uint32_t> triangles{};  ///< in increasing order
@@ -34,12 +34,10 @@ struct Chart {
   }
   /// From a pixel of the chart to the image's, and back.
   Eigen::Vector2f to_image(const Eigen::Vector2f& p) const {
-    const Eigen::Vector2f corner(float(block_u0 * kBlock_px), float(block_v0 * kBlock_px));
-    return ((p + corner).array() + 0.5f) / scale - 0.5f;
+    return ((p + corner_px.cast<float>()).array() + 0.5f) / scale - 0.5f;
   }
   Eigen::Vector2f from_image(const Eigen::Vector2f& p) const {
-    const Eigen::Vector2f corner(float(block_u0 * kBlock_px), float(block_v0 * kBlock_px));
-    return ((p.array() + 0.5f) * scale - 0.5f).matrix() - corner;
+    return ((p.array() + 0.5f) * scale - 0.5f).matrix() - corner_px.cast<float>();
   }
 };
 

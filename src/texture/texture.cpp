@@ -3,6 +3,7 @@
 #include "lapseam/texture.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 
@@ -205,6 +206,25 @@ class Texturing {
     }
   }
 
+  /// The best of some widths about the given one: how ragged the last rows are is chance.
+  Packing pack_tightly(const std::vector<BlockShape>& shapes, int width, int widest) {
+    constexpr std::array<int, 6> kPercent = {100, 97, 94, 103, 106, 109};
+    std::array<Packing, kPercent.size()> tries;
+    parallel_for(context_, tries.size(), 1, [&](std::size_t k) {
+      const int tried = std::clamp(width * kPercent[k] / 100, widest, page_blocks_);
+      if (k == 0 || tried != width) tries[k] = pack_blocks(shapes, tried, page_blocks_, context_);
+    });
+    const auto area = [](const Packing& packing) {
+      std::uint64_t sum = 0;
+      for (const BlockPage& page : packing.pages) sum += std::uint64_t(page.width) * std::uint64_t(page.height);
+      return sum;
+    };
+    std::size_t best = 0;
+    for (std::size_t k = 1; k < tries.size(); ++k)
+      if (!tries[k].pages.empty() && area(tries[k]) < area(tries[best])) best = k;
+    return std::move(tries[best]);
+  }
+
   std::uint64_t pack_charts() {
     std::vector<BlockShape> shapes;
     std::uint64_t blocks = 0;
@@ -216,8 +236,7 @@ class Texturing {
     }
     // What fits on one page makes a square one.
     const int square = int(std::ceil(std::sqrt(1.05 * double(blocks))));
-    const int width = std::min(page_blocks_, std::max(widest, square));
-    const Packing packing = pack_blocks(shapes, width, page_blocks_, context_);
+    const Packing packing = pack_tightly(shapes, std::min(page_blocks_, std::max(widest, square)), widest);
     for (std::size_t c = 0; c < charts_.charts.size(); ++c) charts_.charts[c].place = packing.places[c];
     page_sizes_ = packing.pages;
     report_.chart_pixels = blocks * kBlock_px * kBlock_px;
