@@ -36,6 +36,7 @@ void write_report(const std::string& file, const IntegrateReport& report, const 
 
 void run(const IntegrateArguments& arguments) {
   check_output(arguments.output);
+  check_texture_output(arguments.texture, arguments.output);
   const std::unique_ptr<Context> context = make_context(arguments.common);
   const Scene scene = read_scene(arguments.scene, {.skip_bad_views = arguments.skip_bad_views}, *context);
 
