@@ -29,9 +29,8 @@ std::vector<Eigen::Vector3f> find_ways_out(const Mesh& mesh) {
       const std::uint64_t a = mesh.triangles[t][k], b = mesh.triangles[t][(k + 1) % 3];
       sides.push_back({std::min(a, b) << 32 | std::max(a, b), t, k});
     }
-  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
-    return a.edge != b.edge ? a.edge < b.edge : a.triangle < b.triangle;
-  });
+  std::sort(sides.begin(), sides.end(),
+            [](const Side& a, const Side& b) { return a.edge != b.edge ? a.edge < b.edge : a.triangle < b.triangle; });
   std::vector<Eigen::Vector3f> out(mesh.vertex_count(), Eigen::Vector3f::Zero());
   for (std::size_t i = 0; i < sides.size(); ++i) {
     if ((i > 0 && sides[i - 1].edge == sides[i].edge) || (i + 1 < sides.size() && sides[i + 1].edge == sides[i].edge))
@@ -50,7 +49,8 @@ std::vector<Eigen::Vector3f> find_ways_out(const Mesh& mesh) {
 // Whether, in the image, what is next in this direction is something farther off.
 bool is_before_something(const ViewCanvas& canvas, const CanvasPoint& at, const Eigen::Vector2f& direction) {
   for (int k = 1; k <= kLook_px; ++k) {
-    const int u = int(std::lround(at.u + float(k) * direction.x())), v = int(std::lround(at.v + float(k) * direction.y()));
+    const int u = int(std::lround(at.u + float(k) * direction.x())),
+              v = int(std::lround(at.v + float(k) * direction.y()));
     if (u < 0 || v < 0 || u >= canvas.width() || v >= canvas.height()) return false;
     const std::size_t pixel = canvas.pixel(u, v);
     if (!canvas.has_sample(u, v)) continue;

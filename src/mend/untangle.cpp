@@ -23,7 +23,9 @@ std::uint64_t remove_self_intersections(Mesh& mesh, std::span<const float> verte
     if (meeting_of[t] == kInvalidIndex) {
       meeting_of[t] = std::uint32_t(meetings.size());
       const Triangle& c = mesh.triangles[t];
-      meetings.push_back({t, {}, mesh.triangle_tag[t] == TriangleTag::kSeam,
+      meetings.push_back({t,
+                          {},
+                          mesh.triangle_tag[t] == TriangleTag::kSeam,
                           std::max({vertex_error_m[c[0]], vertex_error_m[c[1]], vertex_error_m[c[2]]})});
     }
     meetings[meeting_of[t]].others.push_back(other);

@@ -91,8 +91,9 @@ float largest_tolerance(const Judge& judge, const Eigen::Vector3f& center, const
          kLowestCosine;
 }
 
-// A shift in 256ths of the sample's sigma: those of all views are kept until all are known.
-constexpr float kShiftsPerSigma = 256;
+// A shift in fractions of the sample's sigma: those of all views are kept until all are known. None is over eight
+// sigmas.
+constexpr float kShiftsPerSigma = 4000;
 std::int16_t coded_shift(const Patch& patch, std::size_t pixel, float shift_m) {
   const auto sigma = float(patch.noise.sigma(double(patch.view.range.pixels[pixel])));
   return std::int16_t(std::lround(std::clamp(kShiftsPerSigma * shift_m / sigma, -32767.0f, 32767.0f)));

@@ -62,7 +62,8 @@ std::size_t full_cells(const Image<std::uint8_t>& is_full) {
 }
 
 TEST(AdaptiveTriangles, FlatImagesOfAnySizeAreCoveredByFew) {
-  for (const auto& [w, h] : {std::pair(80, 60), std::pair(33, 33), std::pair(65, 40), std::pair(2, 2), std::pair(31, 97)}) {
+  for (const auto& [w, h] :
+       {std::pair(80, 60), std::pair(33, 33), std::pair(65, 40), std::pair(2, 2), std::pair(31, 97)}) {
     const Image<std::uint8_t> all(w, h, 1);
     const auto triangles = adaptive_triangles(all, kFlat);
     const Covered covered = measure(triangles, w);
