@@ -23,7 +23,7 @@ namespace {
 constexpr double kEarlyShare = 0.4;
 // Closing cracks adds triangles to a count that is asked for.
 constexpr double kShareBeforeClosing = 0.97;
-constexpr std::size_t kTrianglesBetweenThinnings = 400'000;
+constexpr std::size_t kTrianglesBetweenThinnings = 200'000;
 
 class Integration {
  public:
@@ -171,7 +171,7 @@ class Integration {
       stage.advance();
       if (zipper.mesh().triangle_count() < most_triangles && i + 1 < patches_.size()) continue;
       thin(zipper);
-      most_triangles = zipper.mesh().triangle_count() * 3 / 2 + kTrianglesBetweenThinnings;
+      most_triangles = zipper.mesh().triangle_count() * 5 / 4 + kTrianglesBetweenThinnings;
     }
     for (std::size_t i = 0; i < patches_.size(); ++i) {
       zipper.revisit(std::uint32_t(i), wanted_of(claims[i], Claim::kYields), context_);
