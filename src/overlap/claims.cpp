@@ -229,12 +229,10 @@ class TileClaims {
     if (u >= patch_.grid.width || v >= patch_.grid.height) return false;
     const std::size_t i = patch_.confidence.index(u, v);
     if (patch_.confidence.pixels[i] == 0) return false;
-    const float error = float(patch_.noise.sigma(double(patch_.view.range.pixels[i]))) *
-                        std::max(0.05f, float(patch_.incidence.pixels[i]) / 255);
     Sample sample;
     sample.point = patch_.point_in_view(i);
     sample.pixel = std::uint32_t(i);
-    sample.error_m = error;
+    sample.error_m = expected_error_m(patch_, i);
     sample.confidence = patch_.confidence.pixels[i];
     samples_.push_back(sample);
     return true;
