@@ -35,11 +35,10 @@ class CrackCloser {
         witnesses_(patches, mesh.origin_m, options),
         normals_(measure_vertices(mesh).normals),
         mesh_(mesh),
-        check_(mesh_, normals_, context) {
-    for (std::size_t v = 0; v < mesh.vertex_count(); ++v) {
-      error_m_.push_back(witnesses_.error_of(mesh.vertex_view[v], mesh.vertex_pixel[v]));
+        check_(mesh_, normals_, context),
+        error_m_(expected_errors(mesh, patches)) {
+    for (std::size_t v = 0; v < mesh.vertex_count(); ++v)
       sigma_m_.push_back(witnesses_.sigma_of(mesh.vertex_view[v], mesh.vertex_pixel[v]));
-    }
   }
 
   CloseCracksReport run() {

@@ -75,8 +75,4 @@ float Witnesses::sigma_of(std::uint32_t view, std::uint32_t pixel) const {
   return float(patches_[view].noise.sigma(double(patches_[view].view.range.pixels[pixel])));
 }
 
-float Witnesses::error_of(std::uint32_t view, std::uint32_t pixel) const {
-  return expected_error_m(patches_[view], pixel);
-}
-
 }  // namespace lapseam

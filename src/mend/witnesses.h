@@ -37,8 +37,6 @@ class Witnesses {
               float error_m) const;
   /// Noise of the sample that a vertex was made from, along its ray.
   float sigma_of(std::uint32_t view, std::uint32_t pixel) const;
-  /// Its expected error along the normal.
-  float error_of(std::uint32_t view, std::uint32_t pixel) const;
 
  private:
   void hear(const ViewCanvas& canvas, const Eigen::Vector3f& point, const Eigen::Vector3f& normal, float error_m,

@@ -27,6 +27,13 @@ Image<std::uint8_t> everything(const Patch& patch) {
   return Image<std::uint8_t>(patch.grid.width, patch.grid.height, 1);
 }
 
+void expect_one_sheet(const Mesh& mesh, Context& context) {
+  expect_valid_mesh(mesh);
+  const MeshHealth health = check_health(mesh, {}, context);
+  EXPECT_EQ(health.boundary_loops, 1u);
+  EXPECT_EQ(health.self_intersecting_triangles, 0u);
+}
+
 TEST(Zipper, WantedSamplesOnly) {
   Context context(2);
   const auto patches = two_views_of(test::plane({0, 0, 0}, {0, 0, 1}), context);
@@ -68,7 +75,7 @@ TEST(Zipper, StepsAndInvalidSamplesStayOpen) {
 TEST(Zipper, RevisitClosesWhatIsOpen) {
   Context context(2);
   const auto patches = two_views_of(test::plane({0, 0, 0}, {0, 0, 1}), context);
-  // The first view leaves out a disk in the middle of what it sees, the second adds nothing of its own.
+  // The first view leaves out a disk in the middle of what it sees; the second closes it.
   Image<std::uint8_t> wanted = everything(patches[0]);
   for (int v = 0; v < wanted.height; ++v)
     for (int u = 0; u < wanted.width; ++u)
@@ -77,10 +84,7 @@ TEST(Zipper, RevisitClosesWhatIsOpen) {
   zipper.add(0, wanted, context);
   EXPECT_EQ(check_health(zipper.mesh(), {}, context).boundary_loops, 2u);
   zipper.revisit(1, everything(patches[1]), context);
-  expect_valid_mesh(zipper.mesh());
-  const MeshHealth health = check_health(zipper.mesh(), {}, context);
-  EXPECT_EQ(health.boundary_loops, 1u);
-  EXPECT_EQ(health.self_intersecting_triangles, 0u);
+  expect_one_sheet(zipper.mesh(), context);
 }
 
 TEST(Zipper, GoesOnWithAThinnerMesh) {
@@ -92,10 +96,7 @@ TEST(Zipper, GoesOnWithAThinnerMesh) {
   ASSERT_LT(thinner.triangle_count(), zipper.mesh().triangle_count());
   zipper.replace_mesh(std::move(thinner), context);
   zipper.add(1, everything(patches[1]), context);
-  expect_valid_mesh(zipper.mesh());
-  const MeshHealth health = check_health(zipper.mesh(), {}, context);
-  EXPECT_EQ(health.boundary_loops, 1u);
-  EXPECT_EQ(health.self_intersecting_triangles, 0u);
+  expect_one_sheet(zipper.mesh(), context);
 }
 
 TEST(Zipper, NothingWantedNothingAdded) {
