@@ -1,0 +1,340 @@
+// Based on: G. Turk, M. Levoy, Zippered Polygon Meshes from Range Images, 1994, §4; and Y. Sun, C. Dumont, M. Abidi,
+// Mesh-based Integration of Range and Color Images, 2000, §2.2 (overlap in the new view's image) and §2.3 (gaps).
+
+#include "sew/view_turn.h"
+
+#include <algorithm>
+#include <cmath>
+#include <unordered_map>
+#include <unordered_set>
+
+#include "core/parallel.h"
+#include "triangulate/adaptive_triangles.h"
+
+namespace lapseam {
+namespace {
+
+constexpr float kNearWall_px = 0.3f;   // samples nearer to the model's border than this would make slivers
+constexpr float kWallStep_px = 0.25f;  // sampling of borders
+constexpr float kFocusMargin_px = 6;   // around borders
+// A sample may be left out when it is this close to the surface without it, in standard deviations of its range.
+constexpr float kFlatness = 0.3f;
+
+}  // namespace
+
+ViewTurn::ViewTurn(GrownModel& model, std::uint32_t index, const Image<std::uint8_t>& wanted, int shift, Where where,
+                   Context& context)
+    : model_(model),
+      index_(index),
+      where_(where),
+      context_(context),
+      in_(model, index, wanted, shift, where == Where::kBorder),
+      covering_(in_),
+      gaps_(in_, covering_) {}
+
+void ViewTurn::run() {
+  if (where_ == Where::kWanted && !in_.focus_on_wanted()) return;
+  find_walls();
+  if (where_ == Where::kBorder && !focus_on_border()) return;
+  block_out_of_focus();
+  mark_walls();
+  covering_.mark(context_);
+  emit_grid();
+  triangulate_gaps();
+  update_border();
+}
+
+void ViewTurn::find_walls() {
+  constexpr std::size_t kBlock = 4096;
+  const std::size_t blocks = (model_.open.size() + kBlock - 1) / kBlock;
+  std::vector<std::vector<Wall>> walls(blocks), blocked(blocks);
+  parallel_for(context_, blocks, 1, [&](std::size_t block) {
+    for (std::size_t i = block * kBlock; i < std::min(model_.open.size(), (block + 1) * kBlock); ++i) {
+      Wall wall{std::uint32_t(i), {}, {}};
+      const WallKind found = classify(model_.open[i], wall.a, wall.b);
+      if (found == WallKind::kWall) walls[block].push_back(wall);
+      if (found == WallKind::kBlocked) blocked[block].push_back(wall);
+    }
+  });
+  for (std::size_t block = 0; block < blocks; ++block) {
+    walls_.insert(walls_.end(), walls[block].begin(), walls[block].end());
+    blocked_.insert(blocked_.end(), blocked[block].begin(), blocked[block].end());
+  }
+}
+
+ViewTurn::WallKind ViewTurn::classify(const OpenEdge& edge, CanvasPoint& a, CanvasPoint& b) const {
+  a = in_.canvas.project(model_.mesh.positions_m[edge.a]);
+  b = in_.canvas.project(model_.mesh.positions_m[edge.b]);
+  if (!a.is_in && !b.is_in) return WallKind::kElsewhere;
+  if (!in_.is_in_focus(std::min(a.u, b.u), std::max(a.u, b.u), std::min(a.v, b.v), std::max(a.v, b.v)))
+    return WallKind::kElsewhere;
+  const Agreement at_a = in_.canvas.compare(a, model_.error_m[edge.a]),
+                  at_b = in_.canvas.compare(b, model_.error_m[edge.b]);
+  const bool a_agrees = at_a == Agreement::kAgrees, b_agrees = at_b == Agreement::kAgrees;
+  if (!a_agrees && !b_agrees) return WallKind::kElsewhere;
+  const bool a_front = in_.is_front(model_.mesh.positions_m[edge.a], model_.normal[edge.a]);
+  const bool b_front = in_.is_front(model_.mesh.positions_m[edge.b], model_.normal[edge.b]);
+  if (!a_front && !b_front) return WallKind::kElsewhere;  // the other side of a sheet
+  if (in_.patch.grid.wraps && std::abs(a.u - b.u) > 0.5f * float(in_.width)) return WallKind::kElsewhere;
+  if (!a_agrees || !b_agrees) return WallKind::kBlocked;
+  std::uint32_t c = 0;
+  for (const std::uint32_t v : model_.mesh.triangles[edge.triangle])
+    if (v != edge.a && v != edge.b) c = v;
+  const CanvasPoint third = in_.canvas.project(model_.mesh.positions_m[c]);
+  if (!(third.r > 0) || !(in_.turn(a, b, third) > 0)) return WallKind::kBlocked;
+  return WallKind::kWall;
+}
+
+bool ViewTurn::focus_on_border() {
+  in_.focus_on_nothing();
+  for (const Wall& wall : walls_)
+    for (const CanvasPoint& end : {wall.a, wall.b}) in_.focus_around(end.u, end.v, kFocusMargin_px);
+  return !walls_.empty();
+}
+
+void ViewTurn::block_out_of_focus() {
+  for (int v = 0; v < in_.height; ++v)
+    for (int u = 0; u < in_.width; ++u)
+      if (!in_.is_focused(u, v)) in_.cell.at(u, v) = ModelInView::kBlocked;
+}
+
+template <typename Visit>
+void ViewTurn::walk(const CanvasPoint& a, const CanvasPoint& b, const Visit& visit) const {
+  const float length = std::hypot(b.u - a.u, b.v - a.v);
+  const int steps = std::max(1, int(std::ceil(length / kWallStep_px)));
+  for (int i = 0; i <= steps; ++i) {
+    const float t = float(i) / float(steps);
+    const int u = int(std::floor(a.u + t * (b.u - a.u))), v = int(std::floor(a.v + t * (b.v - a.v)));
+    if (u >= 0 && v >= 0 && u < in_.width && v < in_.height) visit(u, v);
+  }
+}
+
+void ViewTurn::mark_near(const CanvasPoint& a, const CanvasPoint& b) {
+  const int u0 = std::max(0, int(std::ceil(std::min(a.u, b.u) - kNearWall_px)));
+  const int u1 = std::min(in_.width - 1, int(std::floor(std::max(a.u, b.u) + kNearWall_px)));
+  const int v0 = std::max(0, int(std::ceil(std::min(a.v, b.v) - kNearWall_px)));
+  const int v1 = std::min(in_.height - 1, int(std::floor(std::max(a.v, b.v) + kNearWall_px)));
+  const Eigen::Vector2f p(a.u, a.v), d(b.u - a.u, b.v - a.v);
+  const float squared = d.squaredNorm();
+  for (int v = v0; v <= v1; ++v)
+    for (int u = u0; u <= u1; ++u) {
+      const Eigen::Vector2f q(float(u) - p.x(), float(v) - p.y());
+      const float t = squared > 0 ? std::clamp(q.dot(d) / squared, 0.0f, 1.0f) : 0.0f;
+      if ((q - t * d).squaredNorm() < kNearWall_px * kNearWall_px) in_.sample.at(u, v) |= ModelInView::kNear;
+    }
+}
+
+void ViewTurn::mark_walls() {
+  for (const Wall& wall : walls_) {
+    walk(wall.a, wall.b, [&](int u, int v) { in_.cell.at(u, v) |= ModelInView::kWall; });
+    mark_near(wall.a, wall.b);
+  }
+  for (const Wall& wall : blocked_) block(wall.a, wall.b);
+}
+
+void ViewTurn::block(const CanvasPoint& a, const CanvasPoint& b) {
+  walk(a, b, [&](int u, int v) { in_.cell.at(u, v) |= ModelInView::kBlocked; });
+  mark_near(a, b);
+}
+
+void ViewTurn::emit_grid() {
+  vertex_of_sample_ = Image<std::uint32_t>(in_.width, in_.height, kInvalidIndex);
+  emitted_ = Image<std::uint8_t>(in_.width, in_.height, 0);
+  first_new_triangle_ = model_.mesh.triangles.size();
+  Image<std::uint8_t> is_full(in_.width, in_.height, 0);
+  for (int v = 0; v + 1 < in_.height; ++v)
+    for (int u = 0; u + 1 < in_.width; ++u) {
+      if (in_.cell.at(u, v)) continue;
+      for (int slot = 0; slot < 2; ++slot) {
+        if (!in_.exists(u, v, slot)) continue;
+        const auto corners = in_.corners_of(u, v, slot);
+        if (!std::all_of(corners.begin(), corners.end(), [&](const auto& c) { return in_.is_usable(c.x(), c.y()); }))
+          continue;
+        emitted_.at(u, v) |= std::uint8_t(1 << slot);
+        for (const auto& c : corners) in_.sample.at(c.x(), c.y()) |= ModelInView::kEmitted;
+      }
+      is_full.at(u, v) = emitted_.at(u, v) == 3;
+    }
+  const auto deviation = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t m) {
+    return deviation_from_plane(a, b, c, m);
+  };
+  for (const SampleTriangle& t : adaptive_triangles(is_full, deviation)) {
+    Triangle corners;
+    for (std::size_t k = 0; k < 3; ++k) corners[k] = vertex_of(t[k]);
+    if (in_.patch.grid.is_mirrored) std::swap(corners[1], corners[2]);
+    model_.add_triangle(corners, TriangleTag::kMeasured, index_);
+  }
+  for (int v = 0; v + 1 < in_.height; ++v)
+    for (int u = 0; u + 1 < in_.width; ++u)
+      for (int slot = 0; slot < 2; ++slot) {
+        if (is_full.at(u, v) || !is_emitted(u, v, slot)) continue;
+        const auto corners = in_.corners_of(u, v, slot);
+        model_.add_triangle({vertex_of(corners[0].x(), corners[0].y()), vertex_of(corners[1].x(), corners[1].y()),
+                             vertex_of(corners[2].x(), corners[2].y())},
+                            TriangleTag::kMeasured, index_);
+      }
+  model_.report.measured_triangles += model_.mesh.triangles.size() - first_new_triangle_;
+}
+
+std::uint32_t ViewTurn::vertex_of(int u, int v) {
+  std::uint32_t& id = vertex_of_sample_.at(u, v);
+  if (id == kInvalidIndex) {
+    const std::size_t pixel = in_.canvas.pixel(u, v);
+    id = model_.add_vertex(index_, pixel, in_.canvas.position(pixel));
+  }
+  return id;
+}
+
+std::uint32_t ViewTurn::vertex_of(std::uint32_t sample) {
+  return vertex_of(int(sample % std::uint32_t(in_.width)), int(sample / std::uint32_t(in_.width)));
+}
+
+// Of sample m from the plane through three others, along its ray, in units of what noise explains.
+float ViewTurn::deviation_from_plane(std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t m) const {
+  const auto pixel = [&](std::uint32_t i) {
+    return in_.canvas.pixel(int(i % std::uint32_t(in_.width)), int(i / std::uint32_t(in_.width)));
+  };
+  const std::size_t pm = pixel(m);
+  const Eigen::Vector3f pa = in_.patch.point_in_view(pixel(a));
+  const Eigen::Vector3f normal = (in_.patch.point_in_view(pixel(b)) - pa).cross(in_.patch.point_in_view(pixel(c)) - pa);
+  const Eigen::Vector3f origin =
+      in_.patch.rays->origins.empty() ? Eigen::Vector3f(Eigen::Vector3f::Zero()) : in_.patch.rays->origins[pm];
+  const float along = normal.dot(in_.patch.rays->directions[pm]), r = in_.patch.view.range.pixels[pm];
+  if (along == 0) return 2;
+  const float off = std::abs(normal.dot(pa - origin) / along - r);
+  return off / (kFlatness * float(in_.patch.noise.sigma(double(r))));
+}
+
+bool ViewTurn::is_emitted(int u, int v, int slot) const {
+  return in_.is_cell_in(u, v) && (emitted_.at(u, v) >> slot & 1);
+}
+
+// Whether the triangle across the edge p–q of an emitted triangle was emitted too.
+bool ViewTurn::is_neighbor_emitted(int u, int v, int slot, const Eigen::Vector2i& p, const Eigen::Vector2i& q) const {
+  const Eigen::Vector2i low = p.cwiseMin(q), d = (p - q).cwiseAbs();
+  const auto is_anti = [&](int x, int y) { return (in_.grid_cell(x, y) & PatchGrid::kAntiDiagonal) != 0; };
+  if (d.x() == 1 && d.y() == 1) return is_emitted(u, v, 1 - slot);
+  if (d.x() == 0) return low.x() == u ? is_emitted(u - 1, v, 1) : is_emitted(u + 1, v, 0);
+  if (low.y() == v) return v > 0 && is_emitted(u, v - 1, is_anti(u, v - 1) ? 1 : 0);
+  return in_.is_cell_in(u, v + 1) && is_emitted(u, v + 1, is_anti(u, v + 1) ? 0 : 1);
+}
+
+std::uint32_t ViewTurn::gap_point_of_wall(std::uint32_t vertex, const CanvasPoint& at) {
+  const auto [place, is_new] = gap_point_of_vertex_.try_emplace(vertex, std::uint32_t(gaps_.points().size()));
+  if (is_new) gaps_.add_point({vertex, kInvalidIndex, at.r, model_.error_m[vertex]}, at.u, at.v);
+  return place->second;
+}
+
+std::uint32_t ViewTurn::gap_point_of(int u, int v) {
+  std::uint32_t& point = gap_point_of_sample_.at(u, v);
+  if (point == kInvalidIndex)
+    point = gaps_.add_point({vertex_of_sample_.at(u, v), std::uint32_t(in_.sample.index(u, v)),
+                             in_.patch.view.range.pixels[in_.canvas.pixel(u, v)], 0},
+                            float(u), float(v));
+  return point;
+}
+
+void ViewTurn::triangulate_gaps() {
+  gap_point_of_sample_ = Image<std::uint32_t>(in_.width, in_.height, kInvalidIndex);
+  for (const Wall& wall : walls_) {
+    const OpenEdge& edge = model_.open[wall.open];
+    const std::uint32_t b = gap_point_of_wall(edge.b, wall.b), a = gap_point_of_wall(edge.a, wall.a);
+    gaps_.add_fence(b, a);
+  }
+  for (int v = 0; v + 1 < in_.height; ++v)
+    for (int u = 0; u + 1 < in_.width; ++u)
+      for (int slot = 0; slot < 2; ++slot) {
+        if (!is_emitted(u, v, slot)) continue;
+        const auto c = in_.corners_of(u, v, slot);
+        for (std::size_t k = 0; k < 3; ++k) {
+          const auto &p = c[k], &q = c[(k + 1) % 3];
+          if (is_neighbor_emitted(u, v, slot, p, q)) continue;
+          const std::uint32_t a = gap_point_of(p.x(), p.y()), b = gap_point_of(q.x(), q.y());
+          gaps_.add_fence(b, a);
+          new_border_.push_back({gaps_.points()[a].vertex, gaps_.points()[b].vertex, kInvalidIndex});
+        }
+      }
+  find_border_triangles();
+  for (int v = 0; v < in_.height; ++v)
+    for (int u = 0; u < in_.width; ++u)
+      if (!(in_.sample.at(u, v) & ModelInView::kEmitted) && in_.is_usable(u, v) && touches_gap(u, v))
+        gap_point_of(u, v);
+  for (const auto& face : gaps_.fill([&](std::size_t fence) {
+         const auto [a, b] = gaps_.ends_of(fence);
+         if (fence < walls_.size())
+           block(walls_[fence].a, walls_[fence].b);
+         else
+           block(a, b);
+       }))
+    add_face(face);
+}
+
+void ViewTurn::find_border_triangles() {
+  const auto key = [](std::uint32_t a, std::uint32_t b) { return std::uint64_t(a) << 32 | b; };
+  std::unordered_map<std::uint64_t, std::size_t> at;
+  at.reserve(new_border_.size());
+  for (std::size_t i = 0; i < new_border_.size(); ++i) at.emplace(key(new_border_[i].a, new_border_[i].b), i);
+  for (std::size_t t = first_new_triangle_; t < model_.mesh.triangles.size(); ++t)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto found = at.find(key(model_.mesh.triangles[t][k], model_.mesh.triangles[t][(k + 1) % 3]));
+      if (found != at.end()) new_border_[found->second].triangle = std::uint32_t(t);
+    }
+}
+
+// A sample that could not be part of a grid triangle, because of the model's border or of samples not wanted.
+bool ViewTurn::touches_gap(int u, int v) const {
+  for (int y = v - 1; y <= v; ++y)
+    for (int x = u - 1; x <= u; ++x)
+      if (in_.is_cell_in(x, y) && (in_.grid_cell(x, y) & (PatchGrid::kExists | PatchGrid::kExists << 1))) return true;
+  return false;
+}
+
+void ViewTurn::add_face(const std::array<std::uint32_t, 3>& corners) {
+  Triangle t;
+  bool is_own = true;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const GapFaces::Point& point = gaps_.points()[corners[k]];
+    t[k] = point.vertex != kInvalidIndex ? point.vertex : vertex_of(point.sample);
+    is_own &= model_.mesh.vertex_view[t[k]] == index_;
+  }
+  const auto id = std::uint32_t(model_.mesh.triangles.size());
+  model_.add_triangle(t, is_own ? TriangleTag::kMeasured : TriangleTag::kSeam, index_);
+  ++(is_own ? model_.report.measured_triangles : model_.report.seam_triangles);
+  for (std::size_t k = 0; k < 3; ++k) filled_edges_.push_back({t[k], t[(k + 1) % 3], id});
+}
+
+void ViewTurn::update_border() {
+  std::vector<OpenEdge> edges;
+  std::vector<std::uint8_t> is_wall(model_.open.size(), 0);
+  for (const Wall& wall : walls_) is_wall[wall.open] = 1;
+  std::vector<OpenEdge> still_open;
+  still_open.reserve(model_.open.size() + new_border_.size());
+  for (std::size_t i = 0; i < model_.open.size(); ++i) (is_wall[i] ? edges : still_open).push_back(model_.open[i]);
+  edges.insert(edges.end(), new_border_.begin(), new_border_.end());
+  edges.insert(edges.end(), filled_edges_.begin(), filled_edges_.end());
+  std::sort(edges.begin(), edges.end(), is_before);
+  for (std::size_t i = 0; i < edges.size();) {
+    const std::uint64_t key = undirected(edges[i].a, edges[i].b);
+    std::size_t end = i + 1;
+    while (end < edges.size() && undirected(edges[end].a, edges[end].b) == key) ++end;
+    if (end == i + 1) still_open.push_back(edges[i]);
+    model_.border_edges.insert(key);
+    i = end;
+  }
+  model_.open = std::move(still_open);
+  model_.add_chunks(first_new_triangle_);
+  remember_chords();
+}
+
+// Grid edges between two samples that both lie on the border of what was added.
+void ViewTurn::remember_chords() {
+  std::unordered_set<std::uint32_t> on_border;
+  for (const OpenEdge& edge : new_border_) on_border.insert(edge.a);
+  for (std::size_t t = first_new_triangle_; t < model_.mesh.triangles.size(); ++t)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t a = model_.mesh.triangles[t][k], b = model_.mesh.triangles[t][(k + 1) % 3];
+      if (on_border.count(a) && on_border.count(b)) model_.border_edges.insert(undirected(a, b));
+    }
+}
+
+}  // namespace lapseam
