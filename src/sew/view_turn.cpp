@@ -17,6 +17,7 @@ namespace {
 constexpr float kNearWall_px = 0.3f;   // samples nearer to the model's border than this would make slivers
 constexpr float kWallStep_px = 0.25f;  // sampling of borders
 constexpr float kFocusMargin_px = 6;   // around borders
+constexpr std::array<float, 2> kBeyondWall_px = {0.6f, 1.2f};
 // A sample may be left out when it is this close to the surface without it, in standard deviations of its range.
 constexpr float kFlatness = 0.3f;
 
@@ -87,9 +88,32 @@ ViewTurn::WallKind ViewTurn::classify(const OpenEdge& edge, CanvasPoint& a, Canv
 
 bool ViewTurn::focus_on_border() {
   in_.focus_on_nothing();
-  for (const Wall& wall : walls_)
+  bool any = false;
+  for (const Wall& wall : walls_) {
+    if (!ends_in_surface(wall)) continue;
+    any = true;
     for (const CanvasPoint& end : {wall.a, wall.b}) in_.focus_around(end.u, end.v, kFocusMargin_px);
-  return !walls_.empty();
+  }
+  return any;
+}
+
+// Whether the view measured surface beyond the border: most of it is where things end, and stays.
+bool ViewTurn::ends_in_surface(const Wall& wall) const {
+  const Eigen::Vector2f a(wall.a.u, wall.a.v), along = Eigen::Vector2f(wall.b.u, wall.b.v) - a;
+  const float length = along.norm();
+  if (!(length > 0)) return true;
+  const Eigen::Vector2f out = Eigen::Vector2f(-along.y(), along.x()) / (in_.patch.grid.is_mirrored ? -length : length);
+  const OpenEdge& edge = model_.open[wall.open];
+  const float error = std::max(model_.error_m[edge.a], model_.error_m[edge.b]);
+  const int steps = std::max(1, int(std::ceil(length)));
+  for (int i = 0; i < steps; ++i) {
+    const float t = (float(i) + 0.5f) / float(steps);
+    for (const float beyond : kBeyondWall_px) {
+      const Eigen::Vector2f at = a + t * along + beyond * out;
+      if (in_.is_surface(at.x(), at.y(), wall.a.r + t * (wall.b.r - wall.a.r), error)) return true;
+    }
+  }
+  return false;
 }
 
 void ViewTurn::block_out_of_focus() {

@@ -39,6 +39,7 @@ class ViewTurn {
   void find_walls();
   WallKind classify(const OpenEdge& edge, CanvasPoint& a, CanvasPoint& b) const;
   bool focus_on_border();
+  bool ends_in_surface(const Wall& wall) const;
   void block_out_of_focus();
   void mark_walls();
   void mark_near(const CanvasPoint& a, const CanvasPoint& b);
