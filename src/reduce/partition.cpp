@@ -2,8 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <atomic>
 #include <cmath>
+#include <functional>
 #include <numeric>
 
 #include "core/parallel.h"
@@ -12,7 +12,7 @@ namespace lapseam {
 namespace {
 
 constexpr std::size_t kGrain = 65536;
-constexpr std::uint32_t kLargestBits = 8;  ///< per axis: 16 million cells
+constexpr std::uint32_t kLargestBits = 10;  ///< per axis
 
 // Spreads the low ten bits, two zeros between each.
 std::uint32_t spread_bits(std::uint32_t x) {
@@ -56,21 +56,25 @@ Cells make_cells(const StridedPositions& positions_m, std::size_t parts, float s
   return cells;
 }
 
-// Runs of cells with about the same number of vertices: the part of each cell.
-std::vector<std::uint32_t> assign_cells(std::vector<std::uint32_t> count, std::size_t piece_vertices,
-                                        std::size_t& parts) {
-  std::uint64_t in_part = 0;
-  std::uint32_t part = 0;
-  for (std::uint32_t& cell : count) {
-    if (in_part > 0 && in_part + cell / 2 >= piece_vertices) {
-      ++part;
+// Runs of cells with about the same number of vertices: the first cell of each part. Only cells that hold something are
+// counted, by sorting: a grid of all would be larger than most meshes.
+std::vector<std::uint32_t> first_cells(const std::vector<std::uint32_t>& cell_of_vertex, std::size_t piece_vertices,
+                                       Context& context) {
+  std::vector<std::uint32_t> sorted = cell_of_vertex;
+  parallel_sort(context, sorted.begin(), sorted.end(), std::less<>());
+  std::vector<std::uint32_t> first = {0};
+  std::size_t in_part = 0;
+  for (std::size_t i = 0; i < sorted.size();) {
+    std::size_t end = i + 1;
+    while (end < sorted.size() && sorted[end] == sorted[i]) ++end;
+    if (in_part > 0 && in_part + (end - i) / 2 >= piece_vertices) {
+      first.push_back(sorted[i]);
       in_part = 0;
     }
-    in_part += cell;
-    cell = part;
+    in_part += end - i;
+    i = end;
   }
-  parts = std::size_t(part) + 1;
-  return count;
+  return first;
 }
 
 // count → scan → fill over blocks: items of each part, in increasing order. each(item, emit) calls emit(part) once for
@@ -112,14 +116,13 @@ Partition partition(const StridedPositions& positions_m, std::span<const Triangl
   const std::size_t n = positions_m.size;
   const Cells cells = make_cells(positions_m, n / piece_vertices + 1, shift, context);
   out.part_of_vertex.resize(n);
-  std::vector<std::uint32_t> count(std::size_t(1) << (3 * cells.bits), 0);
+  parallel_for(context, n, kGrain, [&](std::size_t i) { out.part_of_vertex[i] = cells.of(positions_m[i]); });
+  const std::vector<std::uint32_t> first = first_cells(out.part_of_vertex, piece_vertices, context);
+  out.parts = first.size();
   parallel_for(context, n, kGrain, [&](std::size_t i) {
-    const std::uint32_t cell = cells.of(positions_m[i]);
-    out.part_of_vertex[i] = cell;
-    std::atomic_ref(count[cell]).fetch_add(1, std::memory_order_relaxed);  // a sum of integers: any order gives it
+    const auto after = std::upper_bound(first.begin(), first.end(), out.part_of_vertex[i]);
+    out.part_of_vertex[i] = std::uint32_t(after - first.begin() - 1);
   });
-  const std::vector<std::uint32_t> part_of_cell = assign_cells(std::move(count), piece_vertices, out.parts);
-  parallel_for(context, n, kGrain, [&](std::size_t i) { out.part_of_vertex[i] = part_of_cell[out.part_of_vertex[i]]; });
 
   group(
       n, out.parts, [&](std::size_t i, const auto& emit) { emit(out.part_of_vertex[i]); }, out.vertex_offset,
