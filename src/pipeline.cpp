@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "core/parallel.h"
+
 #include "io/scene_formats.h"
 #include "lapseam/close_cracks.h"
 #include "lapseam/error.h"
@@ -183,9 +184,10 @@ class Integration {
 
   void thin(Zipper& zipper) {
     if (!(options_.reduce_sigma > 0)) return;
-    const double bound = kEarlyShare * options_.reduce_sigma;
-    zipper.replace_mesh(reduce(zipper.mesh(), zipper.vertex_errors_m(), {.max_error_sigma = bound}, context_).mesh,
-                        context_);
+    // All that is known of the border is made anew afterwards, and need not be kept meanwhile.
+    const Mesh mesh = zipper.take();
+    const ReduceOptions limits{.max_error_sigma = kEarlyShare * options_.reduce_sigma, .max_rounds = 1};
+    zipper.replace_mesh(reduce(mesh, expected_errors(mesh, patches_), limits, context_).mesh, context_);
   }
 
   void clean() {

@@ -27,6 +27,9 @@ struct ReduceOptions {
   /// Stop when no more are left, having made the cheapest collapses of the whole mesh. 0: no limit.
   std::uint64_t max_triangles = 0;
   Placement placement = Placement::kOptimal;
+  /// Where the mesh is cut into pieces, what lies along their borders is mended in further rounds, as long as that is
+  /// worth it: at most this many in all. One does for a mesh that is to be reduced again.
+  int max_rounds = 5;
 };
 
 struct ReduceReport {

@@ -40,13 +40,11 @@ class Zipper {
   void revisit(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context);
 
   const Mesh& mesh() const;
-  /// Expected error of each vertex along its normal, metres.
-  std::span<const float> vertex_errors_m() const;
   /// Goes on with another mesh: one of the same provenance, for fewer triangles.
   void replace_mesh(Mesh mesh, Context& context);
 
   ZipperReport report() const;
-  /// The mesh with provenance; the zipper is empty afterwards.
+  /// The mesh with provenance; the zipper is empty afterwards, until replace_mesh.
   Mesh take();
 
  private:

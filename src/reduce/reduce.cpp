@@ -12,6 +12,7 @@
 #include <string>
 
 #include "core/parallel.h"
+
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "reduce/collapser.h"
@@ -22,8 +23,8 @@
 namespace lapseam {
 namespace {
 
-constexpr int kMostRounds = 5, kMostRoundsForCount = 2;
-constexpr float kShifts[kMostRounds] = {0, 0.62f, 0.31f, 0.87f, 0.48f};  ///< of the cuts, in each round
+constexpr int kMostRoundsForCount = 2;
+constexpr float kShifts[] = {0, 0.62f, 0.31f, 0.87f, 0.48f};  ///< of the cuts, in each round
 constexpr std::size_t kPieceTriangles = 12288;  ///< a piece at work takes about a megabyte: a core's cache
 /// Bound over roughness, where none is given: comes out as about one sigma between result and mesh given, see
 /// docs/reduction.md.
@@ -49,6 +50,7 @@ void check(const Mesh& mesh, std::span<const float> vertex_sigma_m, const Reduce
   if (options.max_error_sigma > 0 && vertex_sigma_m.empty()) refuse("max_error_sigma", "needs a sigma for each vertex");
   if (options.max_error_sigma > 0 && options.max_error_m > 0)
     refuse("max_error_sigma", "and max_error_m exclude each other");
+  if (options.max_rounds < 1) refuse("max_rounds", "must be at least 1");
   if (!vertex_sigma_m.empty() && vertex_sigma_m.size() != mesh.vertex_count())
     refuse("vertex_sigma_m",
            "has " + std::to_string(vertex_sigma_m.size()) + " entries, not " + std::to_string(mesh.vertex_count()));
@@ -163,14 +165,15 @@ ReduceResult reduce(const Mesh& mesh, std::span<const float> vertex_sigma_m, con
 
   Surface surface = surface_of(mesh, vertex_sigma_m);
   WorkingMesh current;
-  for (int round = 0; round < kMostRounds; ++round) {
+  for (int round = 0; round < options.max_rounds; ++round) {
     const std::size_t before = surface.triangles.size();
     // A count is exact when the last collapses are chosen over the whole mesh: one piece, on one thread.
     const bool is_last = before <= kPieceTriangles ||
                          (is_counted && (double(before) <= 1.2 * kCountSlack * double(settings.max_triangles) ||
                                          round == kMostRoundsForCount));
-    const Partition parts = partition(surface.positions_m, surface.triangles,
-                                      is_last ? before + 1 : kPieceTriangles / 2, kShifts[round], context);
+    const Partition parts =
+        partition(surface.positions_m, surface.triangles, is_last ? before + 1 : kPieceTriangles / 2,
+                  kShifts[std::size_t(round) % std::size(kShifts)], context);
     if (round == 0) {
       if (bound == 0) out.report.noise_m = estimate_mesh_noise(surface, parts, context);
       if (bound == 0 && !is_counted) bound = std::max(kNoiseFactor * out.report.noise_m, rounding_error(mesh));

@@ -136,27 +136,28 @@ void PieceResults::store(std::size_t part, LoadedPiece loaded) {
   }
 }
 
-WorkingMesh PieceResults::join(Context& context) const {
-  std::vector<std::size_t> vertex_offset(pieces_.size() + 1, 0), triangle_offset(pieces_.size() + 1, 0);
+WorkingMesh PieceResults::join(Context& context) {
+  std::vector<std::uint32_t> vertex_offset(pieces_.size() + 1, 0);
+  std::size_t triangles = 0;
   for (std::size_t i = 0; i < pieces_.size(); ++i) {
-    vertex_offset[i + 1] = vertex_offset[i] + pieces_[i].vertices.size();
-    triangle_offset[i + 1] = triangle_offset[i] + pieces_[i].triangles.size();
+    vertex_offset[i + 1] = vertex_offset[i] + std::uint32_t(pieces_[i].vertices.size());
+    triangles += pieces_[i].triangles.size();
   }
   WorkingMesh out;
-  out.vertices.resize(vertex_offset.back());
-  out.triangles.resize(triangle_offset.back());
-  out.source.resize(triangle_offset.back());
-  parallel_for(context, pieces_.size(), 1, [&](std::size_t i) {
-    const WorkingMesh& piece = pieces_[i];
-    std::copy(piece.vertices.begin(), piece.vertices.end(), out.vertices.begin() + std::ptrdiff_t(vertex_offset[i]));
-    std::copy(piece.source.begin(), piece.source.end(), out.source.begin() + std::ptrdiff_t(triangle_offset[i]));
-    for (std::size_t t = 0; t < piece.triangles.size(); ++t)
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::uint32_t v = piece.triangles[t][k];
-        out.triangles[triangle_offset[i] + t][k] =
-            std::uint32_t(vertex_offset[parts_.part_of_vertex[v]]) + new_rank_[v];
-      }
-  });
+  out.vertices.reserve(vertex_offset.back());
+  out.triangles.reserve(triangles);
+  out.source.reserve(triangles);
+  // One after the other: appending touches new memory only as fast as pieces give theirs back.
+  for (WorkingMesh& piece : pieces_) {
+    context.throw_if_cancelled();
+    out.vertices.insert(out.vertices.end(), piece.vertices.begin(), piece.vertices.end());
+    out.source.insert(out.source.end(), piece.source.begin(), piece.source.end());
+    for (const Triangle& t : piece.triangles) {
+      const auto renamed = [&](std::uint32_t v) { return vertex_offset[parts_.part_of_vertex[v]] + new_rank_[v]; };
+      out.triangles.push_back({renamed(t[0]), renamed(t[1]), renamed(t[2])});
+    }
+    piece = {};
+  }
   return out;
 }
 

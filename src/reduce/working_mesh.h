@@ -50,7 +50,8 @@ class PieceResults {
     new_rank_.resize(parts.part_of_vertex.size());
   }
   void store(std::size_t part, LoadedPiece loaded);
-  WorkingMesh join(Context& context) const;
+  /// All pieces as one mesh; they are given up on the way.
+  WorkingMesh join(Context& context);
 
  private:
   const Partition& parts_;

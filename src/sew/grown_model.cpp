@@ -91,4 +91,16 @@ void GrownModel::replace(Mesh replacement, Context& context) {
   find_border();
 }
 
+Mesh GrownModel::take() {
+  Mesh taken = std::move(mesh);
+  mesh = {};
+  mesh.origin_m = taken.origin_m;
+  error_m = {};
+  normal = {};
+  open = {};
+  chunks = {};
+  border_edges = {};
+  return taken;
+}
+
 }  // namespace lapseam

@@ -55,6 +55,8 @@ struct GrownModel {
   void add_chunks(std::size_t begin);
   /// Goes on with another mesh of the same provenance.
   void replace(Mesh replacement, Context& context);
+  /// The mesh; nothing is left but what replace() needs.
+  Mesh take();
 
  private:
   void find_border();

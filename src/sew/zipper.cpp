@@ -49,8 +49,6 @@ void Zipper::revisit(std::uint32_t index, const Image<std::uint8_t>& wanted, Con
 
 void Zipper::replace_mesh(Mesh mesh, Context& context) { impl_->model.replace(std::move(mesh), context); }
 
-std::span<const float> Zipper::vertex_errors_m() const { return impl_->model.error_m; }
-
 const Mesh& Zipper::mesh() const { return impl_->model.mesh; }
 
 ZipperReport Zipper::report() const {
@@ -59,10 +57,6 @@ ZipperReport Zipper::report() const {
   return report;
 }
 
-Mesh Zipper::take() {
-  Mesh mesh = std::move(impl_->model.mesh);
-  impl_->model = {};
-  return mesh;
-}
+Mesh Zipper::take() { return impl_->model.take(); }
 
 }  // namespace lapseam

@@ -160,15 +160,22 @@ class Smoother {
     });
   }
 
-  SmoothResult result(const View& view) const {
+  // Gives up the buffers on the way: those of a large image are most of what the stage needs.
+  SmoothResult take_result(const View& view) {
     SmoothResult out;
-    out.range = view.range;
-    std::vector<float> factors;
+    out.range.width = view.range.width;
+    out.range.height = view.range.height;
+    std::vector<float> factors = std::move(next_variance_);
+    factors.clear();
     for (std::size_t i = 0; i < value_.size(); ++i) {
-      if (!(view.range.pixels[i] > 0)) continue;
-      out.range.pixels[i] = is_central_ ? 1.0f / value_[i] : value_[i];
+      if (!(view.range.pixels[i] > 0)) {
+        value_[i] = view.range.pixels[i];
+        continue;
+      }
+      if (is_central_) value_[i] = 1.0f / value_[i];
       factors.push_back(variance_[i] / initial_variance_[i]);
     }
+    out.range.pixels = std::move(value_);
     if (!factors.empty()) {
       const auto middle = factors.begin() + std::ptrdiff_t(factors.size() / 2);
       std::nth_element(factors.begin(), middle, factors.end());
@@ -347,7 +354,7 @@ SmoothResult smooth(const View& view, const NoiseModel& noise, const SmoothOptio
   if (options.reach_px > 0) smoother.tame_outliers(context);
   for (int distance = 1; distance <= options.reach_px; distance *= 2) smoother.pass(distance, context);
   for (int i = 0; i < kSettlings && options.reach_px > 0; ++i) smoother.settle(context);
-  return smoother.result(view);
+  return smoother.take_result(view);
 }
 
 }  // namespace lapseam
