@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "core/parallel.h"
+#include "core/spill_file.h"
 #include "lapseam/error.h"
 #include "lapseam/io.h"
 
@@ -23,6 +24,7 @@ LoadedViews load_views(const Scene& scene, const LoadOptions& options, Context& 
     if (options.hold_out > 0 && i % std::size_t(options.hold_out) == 0) return;
     try {
       loaded[i] = load_view(scene.views[i]);
+      spill(loaded[i]->range.pixels, context);
     } catch (const Cancelled&) {
       throw;
     } catch (const Error& error) {

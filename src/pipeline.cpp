@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <optional>
 
+#include "core/memory.h"
 #include "core/parallel.h"
+#include "core/spill_file.h"
 
 #include "io/scene_formats.h"
 #include "lapseam/close_cracks.h"
@@ -26,12 +28,24 @@ constexpr double kEarlyShare = 0.4;
 constexpr double kShareBeforeClosing = 0.97;
 constexpr std::size_t kTrianglesBetweenThinnings = 200'000;
 
+// Bytes for a pixel of a view: range, cells, confidence, incidence, claim.
+constexpr std::uint64_t kViewBytes = 8;
+// While a view is smoothed and triangulated.
+constexpr std::uint64_t kWorkBytes = 24;
+// A sample's ray.
+constexpr std::uint64_t kRayBytes = 12;
+// The model at its largest and what thins it, for a pixel of all views: four to six were seen (docs/benchmarks.md).
+constexpr std::uint64_t kModelBytes = 5, kLeastModelBytes = 3;
+
+std::string in_megabytes(std::uint64_t bytes) { return std::to_string((bytes + 999'999) / 1'000'000) + " MB"; }
+
 class Integration {
  public:
   Integration(const Scene& scene, const IntegrateOptions& options, Context& context)
       : scene_(scene), options_(options), context_(context) {}
 
   IntegrateResult run() {
+    check_budget();
     load();
     measure_disagreement();
     prepare_patches();
@@ -44,10 +58,28 @@ class Integration {
       result_.report.health =
           check_health(result_.mesh, {.self_intersections = options_.check_self_intersections}, context_);
     }
+    report_memory();
     return std::move(result_);
   }
 
  private:
+  void check_budget() const {
+    const std::uint64_t budget = context_.memory_use().budget_bytes;
+    if (budget == 0) return;
+    const MemoryEstimate needed = estimate_memory(scene_, options_, context_.threads());
+    if (budget < needed.least_bytes)
+      throw InvalidInput(scene_.file, {}, "memory",
+                         in_megabytes(budget) + " will not do; about " + in_megabytes(needed.least_bytes) + " would");
+  }
+
+  void report_memory() {
+    result_.report.memory = context_.memory_use();
+    const std::uint64_t budget = result_.report.memory.budget_bytes, peak = peak_rss_bytes();
+    if (budget > 0 && peak > budget)
+      context_.warn("memory went " + in_megabytes(peak - budget) + " over the " + in_megabytes(budget) +
+                    " asked for: the model itself stays in memory");
+  }
+
   void load() {
     LoadedViews loaded =
         load_views(scene_, {.hold_out = options_.hold_out, .skip_bad_views = options_.skip_bad_views}, context_);
@@ -143,6 +175,10 @@ class Integration {
       const StepThreshold threshold = make_step_threshold(patch.view.sensor, patch.noise);
       patch.grid = triangulate(patch.view, *patch.rays, threshold, context_);
       measure_confidence(patch, threshold, context_);
+      spill(patch.view.range.pixels, context_);
+      spill(patch.grid.cells, context_);
+      spill(patch.confidence.pixels, context_);
+      spill(patch.incidence.pixels, context_);
       report.triangles = patch.grid.triangle_count();
       stage.advance();
     });
@@ -152,6 +188,23 @@ class Integration {
     Image<std::uint8_t> wanted = claims;
     for (std::uint8_t& c : wanted.pixels) c = c == std::uint8_t(Claim::kBest) || c == std::uint8_t(least);
     return wanted;
+  }
+
+  // What a memory budget keeps in a file must come back as it went.
+  void seal_view(const Patch& patch, const Image<std::uint8_t>& claims) const {
+    seal(patch.view.range.pixels, context_);
+    seal(patch.grid.cells, context_);
+    seal(patch.confidence.pixels, context_);
+    seal(patch.incidence.pixels, context_);
+    seal(claims.pixels, context_);
+  }
+  void check_view(const Patch& patch, const Image<std::uint8_t>& claims) const {
+    if (is_whole(patch.view.range.pixels, context_) && is_whole(patch.grid.cells, context_) &&
+        is_whole(patch.confidence.pixels, context_) && is_whole(patch.incidence.pixels, context_) &&
+        is_whole(claims.pixels, context_))
+      return;
+    throw IoError(spill_file_of(context_)->folder(),
+                  "the temporary file lost what was written for view '" + patch.view.name + "': its checksum differs");
   }
 
   // Every spot belongs to the view that measured it best; what is left open is filled in a second round by whichever
@@ -164,10 +217,12 @@ class Integration {
       claims = claim_samples(patches_, overlap_, counts, context_);
       for (std::size_t i = 0; i < patches_.size(); ++i) result_.report.views[i].claims = counts[i];
     }
+    for (std::size_t i = 0; i < patches_.size(); ++i) seal_view(patches_[i], claims[i]);
     StageScope stage(context_, "sew", 2 * patches_.size());
     Zipper zipper(patches_, overlap_);
     std::size_t most_triangles = kTrianglesBetweenThinnings;
     for (std::size_t i = 0; i < patches_.size(); ++i) {
+      check_view(patches_[i], claims[i]);
       zipper.add(std::uint32_t(i), wanted_of(claims[i], Claim::kBest), context_);
       stage.advance();
       if (zipper.mesh().triangle_count() < most_triangles && i + 1 < patches_.size()) continue;
@@ -175,6 +230,7 @@ class Integration {
       most_triangles = zipper.mesh().triangle_count() * 5 / 4 + kTrianglesBetweenThinnings;
     }
     for (std::size_t i = 0; i < patches_.size(); ++i) {
+      check_view(patches_[i], claims[i]);
       zipper.revisit(std::uint32_t(i), wanted_of(claims[i], Claim::kYields), context_);
       stage.advance();
     }
@@ -263,6 +319,24 @@ class Integration {
 };
 
 }  // namespace
+
+MemoryEstimate estimate_memory(const Scene& scene, const IntegrateOptions& options, int threads) {
+  std::uint64_t all = 0, largest = 0, rays = 0;
+  std::map<std::string, std::uint64_t> of_sensor;
+  for (std::size_t i = 0; i < scene.views.size(); ++i) {
+    if (options.hold_out > 0 && i % std::size_t(options.hold_out) == 0) continue;
+    const ViewSource& view = scene.views[i];
+    if (!view.sensor) continue;  // its file knows its size
+    const std::uint64_t pixels = std::uint64_t(width(*view.sensor)) * std::uint64_t(height(*view.sensor));
+    all += pixels;
+    largest = std::max(largest, pixels);
+    std::uint64_t& largest_of_sensor = of_sensor[view.sensor_id];
+    rays += pixels > largest_of_sensor ? pixels - largest_of_sensor : 0;
+    largest_of_sensor = std::max(largest_of_sensor, pixels);
+  }
+  const std::uint64_t fixed = rss_bytes() + kRayBytes * rays + kWorkBytes * largest * std::uint64_t(threads);
+  return {.all_bytes = fixed + (kViewBytes + kModelBytes) * all, .least_bytes = fixed + kLeastModelBytes * all};
+}
 
 IntegrateResult integrate(const Scene& scene, const IntegrateOptions& options, Context& context) {
   return Integration(scene, options, context).run();

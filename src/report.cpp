@@ -83,6 +83,10 @@ std::string to_json(const IntegrateReport& report, const Context& context) {
   json["triangles_before_reduction"] = report.triangles_before_reduction;
   json["texture"] = Json::parse(to_json(report.texture));
   json["health"] = Json::parse(to_json(report.health));
+  if (report.memory.budget_bytes > 0)
+    json["memory"] = {{"budget_bytes", report.memory.budget_bytes},
+                      {"largest_stored_bytes", report.memory.largest_stored_bytes},
+                      {"evictions", report.memory.evictions}};
   json["warnings"] = context.warnings();
   return json.dump(1);
 }

@@ -58,7 +58,7 @@ void PassOverSamples(State& state) {
 
 void Unproject(State& state) {
   const Patch& patch = patches().front();
-  const std::vector<float>& range = patch.view.range.pixels;
+  const Pixels<float>& range = patch.view.range.pixels;
   std::vector<Eigen::Vector3f> points(range.size());
   for (auto _ : state) {
     for (std::size_t i = 0; i < range.size(); ++i) points[i] = patch.rays->point(i, range[i]);
@@ -73,7 +73,7 @@ void Project(State& state) {
   const View& to = patches()[1].view;
   const Eigen::Isometry3d T_to_from = to.T_world_view.inverse() * from.view.T_world_view;
   const auto& sensor = std::get<PinholeSensor>(to.sensor);
-  const std::vector<float>& range = from.view.range.pixels;
+  const Pixels<float>& range = from.view.range.pixels;
   for (auto _ : state) {
     double sum = 0;
     PixelRange pixel;

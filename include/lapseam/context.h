@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <string>
@@ -30,6 +31,19 @@ struct Progress {
   bool finished = false;  ///< the stage's last event
 };
 
+/// What the process may take of the machine's memory.
+struct MemoryBudget {
+  std::uint64_t bytes = 0;       ///< resident memory of the whole process; 0: no limit
+  std::filesystem::path folder;  ///< for what does not fit; empty: the system's folder for temporary files
+};
+
+/// What the budget did.
+struct MemoryUse {
+  std::uint64_t budget_bytes = 0;          ///< 0: there was none
+  std::uint64_t largest_stored_bytes = 0;  ///< most that lay in the temporary file at once
+  std::uint64_t evictions = 0;             ///< how often what had been read was given back
+};
+
 /// Owns the worker threads and the sinks. Not copyable. All members may be called from worker threads.
 class Context {
  public:
@@ -51,6 +65,12 @@ class Context {
   void set_progress_sink(std::function<void(const Progress&)> sink);
   /// Called for each warning, one call at a time. Warnings are kept either way, see warnings().
   void set_warning_sink(std::function<void(std::string_view)> sink);
+
+  /// From now on images live in a temporary file, which is mapped into memory: what has been read of it is given back
+  /// whenever the process would take more than the budget. The file has no name; it is gone when the process is. Once
+  /// for a context, before its work begins. Throws IoError where there can be no such file.
+  void set_memory_budget(const MemoryBudget& budget);
+  MemoryUse memory_use() const;
 
   void warn(std::string message);
   std::vector<std::string> warnings() const;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "lapseam/close_cracks.h"
+#include "lapseam/context.h"
 #include "lapseam/fill_holes.h"
 #include "lapseam/health.h"
 #include "lapseam/mesh.h"
@@ -22,8 +23,6 @@
 #include "lapseam/view.h"
 
 namespace lapseam {
-
-class Context;
 
 enum class ColorOutput {
   kNone,
@@ -93,6 +92,7 @@ struct IntegrateReport {
   std::uint64_t triangles_before_reduction = 0;  ///< at the end of sewing, where the model is thinned as it grows
   TextureReport texture;
   MeshHealth health;
+  MemoryUse memory;
 };
 
 struct IntegrateResult {
@@ -100,8 +100,18 @@ struct IntegrateResult {
   IntegrateReport report;
 };
 
+/// What integrate() will need, resident, of the whole process: by the sizes of the images and what models took so far,
+/// good to a third. Views whose size only their file knows are not in it. Textures come on top.
+struct MemoryEstimate {
+  std::uint64_t all_bytes = 0;    ///< with all images in memory
+  std::uint64_t least_bytes = 0;  ///< with a budget of the context's: less is refused
+};
+MemoryEstimate estimate_memory(const Scene& scene, const IntegrateOptions& options, int threads);
+
 /// Views are added one after another, in the scene's order. The mesh's provenance counts views as the scene does.
-/// Same bytes for any number of threads. Throws InvalidInput, IoError, Cancelled.
+/// Same bytes for any number of threads and any memory budget of the context. A budget below estimate_memory() is
+/// refused; the model itself is kept in memory, and what it takes over the budget is warned of.
+/// Throws InvalidInput, IoError, Cancelled.
 IntegrateResult integrate(const Scene& scene, const IntegrateOptions& options, Context& context);
 
 /// The report with the context's stages and warnings, as JSON text.

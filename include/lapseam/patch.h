@@ -43,8 +43,8 @@ struct PatchGrid {
 
   int width = 0, height = 0;  ///< samples
   bool wraps = false;
-  bool is_mirrored = false;         ///< u grows to the left of the viewer: winding is turned over
-  std::vector<std::uint8_t> cells;  ///< width·height
+  bool is_mirrored = false;    ///< u grows to the left of the viewer: winding is turned over
+  Pixels<std::uint8_t> cells;  ///< width·height
 
   bool exists(std::size_t cell, int slot) const { return cells[cell] & (kExists << slot); }
 

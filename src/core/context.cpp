@@ -8,6 +8,7 @@
 
 #include "core/memory.h"
 #include "core/parallel.h"
+#include "core/spill_file.h"
 #include "lapseam/error.h"
 
 namespace lapseam {
@@ -30,9 +31,12 @@ struct Context::Impl {
   std::function<void(std::string_view)> warning_sink;
   std::vector<std::string> warnings;
   std::vector<StageRecord> stages;
+  std::shared_ptr<SpillFile> spill_file;
 };
 
 tbb::task_arena& arena_of(Context& context) { return context.impl().arena; }
+
+std::shared_ptr<SpillFile> spill_file_of(const Context& context) { return context.impl().spill_file; }
 
 Context::Context(int threads)
     : impl_(std::make_unique<Impl>(threads > 0 ? threads : int(std::max(1u, std::thread::hardware_concurrency())))) {}
@@ -62,6 +66,12 @@ void Context::set_warning_sink(std::function<void(std::string_view)> sink) {
   const std::scoped_lock lock(impl_->mutex);
   impl_->warning_sink = std::move(sink);
 }
+
+void Context::set_memory_budget(const MemoryBudget& budget) {
+  impl_->spill_file = budget.bytes > 0 ? std::make_shared<SpillFile>(budget) : nullptr;
+}
+
+MemoryUse Context::memory_use() const { return impl_->spill_file ? impl_->spill_file->use() : MemoryUse{}; }
 
 void Context::warn(std::string message) {
   const std::scoped_lock lock(impl_->mutex);

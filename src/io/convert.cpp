@@ -110,7 +110,7 @@ class Converter {
     writer_.add(loaded);
     ++report_.views;
     report_.with_color += loaded.color.has_value();
-    const std::vector<float>& pixels = loaded.view.range.pixels;
+    const Pixels<float>& pixels = loaded.view.range.pixels;
     report_.samples += std::uint64_t(std::count_if(pixels.begin(), pixels.end(), [](float r) { return r > 0; }));
   }
 

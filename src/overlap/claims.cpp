@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "core/parallel.h"
+#include "core/spill_file.h"
 #include "lapseam/mesh.h"
 #include "overlap/view_projection.h"
 #include "patch/wide_normal.h"
@@ -411,8 +412,8 @@ std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const O
     cones[i] = make_cone(patches[i]);
     farthest[i] = FarthestRanges(patches[i]);
     tiles[i] = make_tiles(patches[i]);
-    claims[i] = Image<std::uint8_t>(patches[i].grid.width, patches[i].grid.height, 0);
-    shifts[i] = Image<std::int16_t>(patches[i].grid.width, patches[i].grid.height, 0);
+    claims[i] = make_spilled_image<std::uint8_t>(patches[i].grid.width, patches[i].grid.height, context);
+    shifts[i] = make_spilled_image<std::int16_t>(patches[i].grid.width, patches[i].grid.height, context);
   });
   std::vector<Task> tasks;
   for (std::size_t i = 0; i < patches.size(); ++i)
@@ -446,6 +447,7 @@ std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const O
       sum.phantom += c == code(Claim::kPhantom);
     }
     if (!counts.empty()) counts[i] = sum;
+    shifts[i] = {};
   });
   return claims;
 }

@@ -137,7 +137,7 @@ class Smoother {
 
   // Tames outliers against the median of the neighbours.
   void tame_outliers(Context& context) {
-    for_all(context, [&](int u, int v, std::vector<float>& value, std::vector<float>&) { tame_sample(u, v, value); });
+    for_all(context, [&](int u, int v, Pixels<float>& value, Pixels<float>&) { tame_sample(u, v, value); });
   }
 
   // One pass at one tap distance.
@@ -155,7 +155,7 @@ class Smoother {
   // What had too few pairs that agree.
   void settle(Context& context) {
     const std::array<Corrections, 2> corrections = {corrections_at(sensor_, 1), corrections_at(sensor_, 2)};
-    for_all(context, [&](int u, int v, std::vector<float>& value, std::vector<float>& variance) {
+    for_all(context, [&](int u, int v, Pixels<float>& value, Pixels<float>& variance) {
       settle_sample(u, v, corrections, value, variance);
     });
   }
@@ -165,7 +165,7 @@ class Smoother {
     SmoothResult out;
     out.range.width = view.range.width;
     out.range.height = view.range.height;
-    std::vector<float> factors = std::move(next_variance_);
+    Pixels<float> factors = std::move(next_variance_);
     factors.clear();
     for (std::size_t i = 0; i < value_.size(); ++i) {
       if (!(view.range.pixels[i] > 0)) {
@@ -198,7 +198,7 @@ class Smoother {
     variance_.swap(next_variance_);
   }
 
-  void tame_sample(int u, int v, std::vector<float>& value) const {
+  void tame_sample(int u, int v, Pixels<float>& value) const {
     const std::size_t centre = index(u, v);
     if (!is_sample(centre)) return;
     std::array<float, 8> around;
@@ -304,8 +304,8 @@ class Smoother {
     return out;
   }
 
-  void settle_sample(int u, int v, const std::array<Corrections, 2>& correction, std::vector<float>& value,
-                     std::vector<float>& variance) const {
+  void settle_sample(int u, int v, const std::array<Corrections, 2>& correction, Pixels<float>& value,
+                     Pixels<float>& variance) const {
     const std::size_t centre = index(u, v);
     const float own = value_[centre], own_variance = variance_[centre];
     if (!(own_variance > kUnsettled * kUnsettled * initial_variance_[centre])) return;
@@ -343,8 +343,8 @@ class Smoother {
   bool is_central_;
   const Sensor& sensor_;
   // In the quantity that is affine on a plane; variance 0: no sample.
-  std::vector<float> value_, variance_, initial_variance_;
-  std::vector<float> next_value_, next_variance_;
+  Pixels<float> value_, variance_, initial_variance_;
+  Pixels<float> next_value_, next_variance_;
 };
 
 }  // namespace

@@ -2,7 +2,7 @@
 
 #include <cstring>
 
-#include "io/e57/crc32c.h"
+#include "core/crc32c.h"
 #include "io/e57/paged_file.h"
 #include "io/page_codec.h"
 #include "room_scene.h"

@@ -128,13 +128,13 @@ TEST(Nerfstudio, DepthOfNumPy) {
   write_bytes(folder / "transforms.json",
               R"({"fl_x": 8, "cx": 2, "cy": 1.5, "w": 4, "h": 3, "depth_unit_scale_factor": 0.5, "frames": [
  {"depth_file_path": "d.npy", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]})");
-  const auto expect_read = [&](const std::string& bytes, std::vector<float> expected) {
+  const auto expect_read = [&](const std::string& bytes, Pixels<float> expected) {
     write_bytes(folder / "d.npy", bytes);
     const View view = load_view(read_scene(folder / "transforms.json", {}, context).views[0]);
     EXPECT_EQ(view.range.pixels, expected);
   };
   const std::vector<float> f4{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 0, -1};
-  const std::vector<float> half{0.5f, 1, 1.5f, 2, 2.5f, 3, 3.5f, 4, 4.5f, 5, 0, 0};
+  const Pixels<float> half{0.5f, 1, 1.5f, 2, 2.5f, 3, 3.5f, 4, 4.5f, 5, 0, 0};
   expect_read(npy("{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4), }\n", f4), half);
   expect_read(
       npy("{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4, 1)}", std::vector<double>(f4.begin(), f4.end())),

@@ -17,7 +17,7 @@
 #include <vector>
 
 #include "io/colmap.h"
-#include "io/e57/crc32c.h"
+#include "core/crc32c.h"
 #include "io/e57/paged_file.h"
 #include "io/output_file.h"
 #include "lapseam/context.h"

@@ -110,6 +110,34 @@ TEST(Integrate, SameBytesForAnyThreads) {
   }
 }
 
+TEST(Integrate, SameBytesForAnyMemoryBudget) {
+  Scene scene = ball_scene();
+  add_color(scene);
+  Context all(2), little(2);
+  const std::uint64_t reference = hash_of(integrate(scene, {}, all).mesh);
+  // The estimate begins with what the process holds already, which a moment later may be more.
+  const std::uint64_t budget = 2 * estimate_memory(scene, {}, 2).least_bytes;
+  little.set_memory_budget({budget, {}});
+  const IntegrateResult result = integrate(scene, {}, little);
+  EXPECT_EQ(hash_of(result.mesh), reference);
+  EXPECT_EQ(result.report.memory.budget_bytes, budget);
+  EXPECT_GT(result.report.memory.largest_stored_bytes, std::uint64_t(6 * 120 * 120 * 7));
+  EXPECT_NE(to_json(result.report, little).find("largest_stored_bytes"), std::string::npos);
+}
+
+TEST(Integrate, ABudgetThatCannotDoIsRefusedWithOneThatCould) {
+  const Scene scene = ball_scene();
+  Context context(1);
+  context.set_memory_budget({1'000'000, {}});
+  try {
+    integrate(scene, {}, context);
+    FAIL();
+  } catch (const InvalidInput& error) {
+    const std::string what = error.what();
+    EXPECT_NE(what.find("memory: 1 MB will not do; about "), std::string::npos) << what;
+  }
+}
+
 TEST(Integrate, OrderOfViewsChangesOnlyDetails) {
   Scene scene = ball_scene();
   std::reverse(scene.views.begin(), scene.views.end());

@@ -28,7 +28,7 @@ TEST(LoadView, ScalesAndLeavesOutInvalidValues) {
   source.range.invalid_values = {65535};
   const View view = load_view(source);
   EXPECT_EQ(view.name, "front");
-  EXPECT_EQ(view.range.pixels, (std::vector<float>{0.0f, 1.234f, 0.0f, 0.007f}));
+  EXPECT_EQ(view.range.pixels, (Pixels<float>{0.0f, 1.234f, 0.0f, 0.007f}));
 }
 
 TEST(LoadView, NoSampleIsEverNegativeOrNotFinite) {
@@ -38,7 +38,7 @@ TEST(LoadView, NoSampleIsEverNegativeOrNotFinite) {
   source.range.format = RangeFormat::kMemory;
   source.range.memory = range;
   source.range.scale_m = 10;
-  EXPECT_EQ(load_view(source).range.pixels, (std::vector<float>{0, 0, 0, 20, 0, 0}));
+  EXPECT_EQ(load_view(source).range.pixels, (Pixels<float>{0, 0, 0, 20, 0, 0}));
 }
 
 TEST(LoadView, DistanceAlongTheRayBecomesZ) {

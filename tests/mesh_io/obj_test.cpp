@@ -52,7 +52,7 @@ TEST_F(Obj, PlainMaterialColorBecomesAPageOfOnePixel) {
                                     "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nusemtl red\nf 1 2 3\nf 3 2 1\n"
                                     "usemtl none\nf 1 3 2\nusemtl unheard_of\nf 2 1 3\n"));
   ASSERT_EQ(mesh.pages.size(), 1u);
-  EXPECT_EQ(mesh.pages[0].pixels, (std::vector<Rgb8>{{255, 0, 51}}));
+  EXPECT_EQ(mesh.pages[0].pixels, (Pixels<Rgb8>{{255, 0, 51}}));
   EXPECT_EQ(mesh.triangle_page, (std::vector<std::uint32_t>{0, 0, kInvalidIndex, kInvalidIndex}));
 }
 

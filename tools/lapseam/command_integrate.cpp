@@ -18,7 +18,8 @@ struct IntegrateArguments {
   bool no_texture = false, skip_bad_views = false, registers = false;
   int hold_out = 0;
   double fill_holes_m = 0, max_error_mm = 0, reduce_sigma = IntegrateOptions{}.reduce_sigma;
-  std::uint64_t triangles = 0;
+  std::uint64_t triangles = 0, memory_bytes = 0;
+  std::string temporary;
 };
 
 // Refused before the work starts, not after it.
@@ -53,6 +54,12 @@ void run(const IntegrateArguments& arguments) {
   const bool is_ply = std::filesystem::path(arguments.output).extension() == ".ply";
   const bool is_bare = arguments.no_texture || std::filesystem::path(arguments.output).extension() == ".stl";
   options.color = is_bare ? ColorOutput::kNone : is_ply ? ColorOutput::kVertices : ColorOutput::kAtlas;
+
+  const MemoryEstimate needed = estimate_memory(scene, options, context->threads());
+  if (arguments.common.progress != "none" && arguments.common.progress != "json")
+    fmt::print(stderr, "memory: about {} MB with all images in memory, {} MB at least with --memory\n",
+               needed.all_bytes / 1'000'000, needed.least_bytes / 1'000'000);
+  if (arguments.memory_bytes > 0) context->set_memory_budget({arguments.memory_bytes, arguments.temporary});
 
   const IntegrateResult result = integrate(scene, options, *context);
   {
@@ -97,6 +104,12 @@ void add_integrate_command(CLI::App& app) {
       ->capture_default_str();
   command->add_option("--triangles", arguments->triangles, "Reduce the result to at most this many triangles")
       ->check(CLI::PositiveNumber);
+  command
+      ->add_option("--memory", arguments->memory_bytes,
+                   "Most that the process may take, as 600M or 2G: images then live in a temporary file")
+      ->transform(CLI::AsSizeValue(true));
+  command->add_option("--tmp", arguments->temporary, "Folder of that file (default: the system's)")
+      ->check(CLI::ExistingDirectory);
   add_texture_options(*command, arguments->texture);
   command->add_flag("--skip-bad-views", arguments->skip_bad_views, "Leave out unusable views with a warning");
   add_common_options(*command, arguments->common);

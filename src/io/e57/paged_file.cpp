@@ -7,7 +7,7 @@
 #include <system_error>
 
 #include "core/parallel.h"
-#include "io/e57/crc32c.h"
+#include "core/crc32c.h"
 
 namespace lapseam {
 namespace {

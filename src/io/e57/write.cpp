@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "core/xml.h"
-#include "io/e57/crc32c.h"
+#include "core/crc32c.h"
 #include "io/e57/paged_file.h"
 #include "io/output_file.h"
 #include "io/page_codec.h"

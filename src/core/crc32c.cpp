@@ -1,4 +1,4 @@
-#include "io/e57/crc32c.h"
+#include "core/crc32c.h"
 
 #include <array>
 #include <cstring>
