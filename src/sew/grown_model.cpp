@@ -42,12 +42,12 @@ void GrownModel::add_triangle(const Triangle& triangle, TriangleTag tag, std::ui
 }
 
 // Everything that is known of the border, from the triangles alone.
-void GrownModel::find_border() {
+void GrownModel::find_border(Context& context) {
   std::vector<OpenEdge> edges;
   edges.reserve(mesh.triangle_count() * 3);
   for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t)
     for (std::size_t k = 0; k < 3; ++k) edges.push_back({mesh.triangles[t][k], mesh.triangles[t][(k + 1) % 3], t});
-  std::sort(edges.begin(), edges.end(), is_before);
+  parallel_sort(context, edges.begin(), edges.end(), is_before);
   open.clear();
   std::vector<std::uint8_t> on_border(mesh.vertex_count(), 0);
   for (std::size_t i = 0; i < edges.size(); ++i) {
@@ -88,7 +88,7 @@ void GrownModel::replace(Mesh replacement, Context& context) {
     error_m[v] = expected_error_m(patch, mesh.vertex_pixel[v]);
     normal[v] = normal_at(patch, mesh.vertex_pixel[v]);
   });
-  find_border();
+  find_border(context);
 }
 
 Mesh GrownModel::take() {

@@ -59,7 +59,7 @@ struct GrownModel {
   Mesh take();
 
  private:
-  void find_border();
+  void find_border(Context& context);
 };
 
 }  // namespace lapseam

@@ -47,6 +47,15 @@ class ModelInView {
   /// Tiles with wanted samples, and those around them. False: there are none.
   bool focus_on_wanted();
   bool is_focused(int u, int v) const { return focus_.at(u / kTile_px, v / kTile_px) != 0; }
+  /// visit(u, v) for every pixel in focus, row by row.
+  template <typename Visit>
+  void for_each_in_focus(const Visit& visit) const {
+    for (int v = 0; v < height; ++v)
+      for (int x = 0; x < focus_.width; ++x) {
+        if (!focus_.at(x, v / kTile_px)) continue;
+        for (int u = x * kTile_px; u < std::min(width, (x + 1) * kTile_px); ++u) visit(u, v);
+      }
+  }
   bool is_in_focus(float u_low, float u_high, float v_low, float v_high) const;
 
   // ---- the view's own triangles

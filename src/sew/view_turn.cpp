@@ -166,19 +166,18 @@ void ViewTurn::emit_grid() {
   emitted_ = Image<std::uint8_t>(in_.width, in_.height, 0);
   first_new_triangle_ = model_.mesh.triangles.size();
   Image<std::uint8_t> is_full(in_.width, in_.height, 0);
-  for (int v = 0; v + 1 < in_.height; ++v)
-    for (int u = 0; u + 1 < in_.width; ++u) {
-      if (in_.cell.at(u, v)) continue;
-      for (int slot = 0; slot < 2; ++slot) {
-        if (!in_.exists(u, v, slot)) continue;
-        const auto corners = in_.corners_of(u, v, slot);
-        if (!std::all_of(corners.begin(), corners.end(), [&](const auto& c) { return in_.is_usable(c.x(), c.y()); }))
-          continue;
-        emitted_.at(u, v) |= std::uint8_t(1 << slot);
-        for (const auto& c : corners) in_.sample.at(c.x(), c.y()) |= ModelInView::kEmitted;
-      }
-      is_full.at(u, v) = emitted_.at(u, v) == 3;
+  in_.for_each_in_focus([&](int u, int v) {
+    if (!in_.is_cell_in(u, v) || in_.cell.at(u, v)) return;
+    for (int slot = 0; slot < 2; ++slot) {
+      if (!in_.exists(u, v, slot)) continue;
+      const auto corners = in_.corners_of(u, v, slot);
+      if (!std::all_of(corners.begin(), corners.end(), [&](const auto& c) { return in_.is_usable(c.x(), c.y()); }))
+        continue;
+      emitted_.at(u, v) |= std::uint8_t(1 << slot);
+      for (const auto& c : corners) in_.sample.at(c.x(), c.y()) |= ModelInView::kEmitted;
     }
+    is_full.at(u, v) = emitted_.at(u, v) == 3;
+  });
   const auto deviation = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t m) {
     return deviation_from_plane(a, b, c, m);
   };
@@ -188,15 +187,16 @@ void ViewTurn::emit_grid() {
     if (in_.patch.grid.is_mirrored) std::swap(corners[1], corners[2]);
     model_.add_triangle(corners, TriangleTag::kMeasured, index_);
   }
-  for (int v = 0; v + 1 < in_.height; ++v)
-    for (int u = 0; u + 1 < in_.width; ++u)
-      for (int slot = 0; slot < 2; ++slot) {
-        if (is_full.at(u, v) || !is_emitted(u, v, slot)) continue;
-        const auto corners = in_.corners_of(u, v, slot);
-        model_.add_triangle({vertex_of(corners[0].x(), corners[0].y()), vertex_of(corners[1].x(), corners[1].y()),
-                             vertex_of(corners[2].x(), corners[2].y())},
-                            TriangleTag::kMeasured, index_);
-      }
+  in_.for_each_in_focus([&](int u, int v) {
+    if (is_full.at(u, v)) return;
+    for (int slot = 0; slot < 2; ++slot) {
+      if (!is_emitted(u, v, slot)) continue;
+      const auto corners = in_.corners_of(u, v, slot);
+      model_.add_triangle({vertex_of(corners[0].x(), corners[0].y()), vertex_of(corners[1].x(), corners[1].y()),
+                           vertex_of(corners[2].x(), corners[2].y())},
+                          TriangleTag::kMeasured, index_);
+    }
+  });
   model_.report.measured_triangles += model_.mesh.triangles.size() - first_new_triangle_;
 }
 
@@ -265,24 +265,23 @@ void ViewTurn::triangulate_gaps() {
     const std::uint32_t b = gap_point_of_wall(edge.b, wall.b), a = gap_point_of_wall(edge.a, wall.a);
     gaps_.add_fence(b, a);
   }
-  for (int v = 0; v + 1 < in_.height; ++v)
-    for (int u = 0; u + 1 < in_.width; ++u)
-      for (int slot = 0; slot < 2; ++slot) {
-        if (!is_emitted(u, v, slot)) continue;
-        const auto c = in_.corners_of(u, v, slot);
-        for (std::size_t k = 0; k < 3; ++k) {
-          const auto &p = c[k], &q = c[(k + 1) % 3];
-          if (is_neighbor_emitted(u, v, slot, p, q)) continue;
-          const std::uint32_t a = gap_point_of(p.x(), p.y()), b = gap_point_of(q.x(), q.y());
-          gaps_.add_fence(b, a);
-          new_border_.push_back({gaps_.points()[a].vertex, gaps_.points()[b].vertex, kInvalidIndex});
-        }
+  in_.for_each_in_focus([&](int u, int v) {
+    for (int slot = 0; slot < 2; ++slot) {
+      if (!is_emitted(u, v, slot)) continue;
+      const auto c = in_.corners_of(u, v, slot);
+      for (std::size_t k = 0; k < 3; ++k) {
+        const auto &p = c[k], &q = c[(k + 1) % 3];
+        if (is_neighbor_emitted(u, v, slot, p, q)) continue;
+        const std::uint32_t a = gap_point_of(p.x(), p.y()), b = gap_point_of(q.x(), q.y());
+        gaps_.add_fence(b, a);
+        new_border_.push_back({gaps_.points()[a].vertex, gaps_.points()[b].vertex, kInvalidIndex});
       }
+    }
+  });
   find_border_triangles();
-  for (int v = 0; v < in_.height; ++v)
-    for (int u = 0; u < in_.width; ++u)
-      if (!(in_.sample.at(u, v) & ModelInView::kEmitted) && in_.is_usable(u, v) && touches_gap(u, v))
-        gap_point_of(u, v);
+  in_.for_each_in_focus([&](int u, int v) {
+    if (!(in_.sample.at(u, v) & ModelInView::kEmitted) && in_.is_usable(u, v) && touches_gap(u, v)) gap_point_of(u, v);
+  });
   for (const auto& face : gaps_.fill([&](std::size_t fence) {
          const auto [a, b] = gaps_.ends_of(fence);
          if (fence < walls_.size())

@@ -10,11 +10,11 @@
 namespace lapseam {
 namespace {
 
-constexpr int kPasses = 8;
-constexpr double kGain = 1e-3;     // of the smaller sine, so that flips end
+constexpr std::uint8_t kPasses = 8;
+constexpr double kGain = 1e-3;  // of the smaller sine, so that flips end
 // Sine of 10.5°. What is better is left to flips: with 20°, collapses leave fans of triangles just under 10°.
 constexpr double kSliver = 0.182;
-constexpr double kGood = 0.5;      // sine of 30°: nothing to gain from here on
+constexpr double kGood = 0.5;  // sine of 30°: nothing to gain from here on
 constexpr double kFlatCosine = 0.5;
 constexpr TriangleRule kRule = {.fold_cosine = 0.0, .facing_cosine = 0.0};
 
@@ -37,7 +37,14 @@ bool SeamShape::replace(const std::vector<std::uint32_t>& old, const std::vector
     }
     added.push_back(check_.add(t, TriangleTag::kSeam));
   }
+  for (const std::uint32_t t : old)
+    for (const std::uint32_t v : mesh_.triangle(t)) last_change_[v] = pass_;
   return true;
+}
+
+/// Nothing around changed in this pass or the one before: what could not be done then cannot be done now.
+bool SeamShape::is_settled(const Triangle& t) const {
+  return std::max({last_change_[t[0]], last_change_[t[1]], last_change_[t[2]]}) + 1 < pass_;
 }
 
 /// Turns the edge between two seam triangles if their worse one gets better by it. With a measured triangle on one
@@ -91,6 +98,7 @@ std::uint64_t SeamShape::flip_edges(std::uint32_t first) {
   for (std::uint32_t t = first; t < end; ++t) {
     if (!mesh_.is_alive(t) || mesh_.tag(t) != TriangleTag::kSeam) continue;
     const Triangle c = mesh_.triangle(t);
+    if (is_settled(c)) continue;
     for (std::size_t k = 0; k < 3 && mesh_.is_alive(t); ++k) flips += flip(c[k], c[(k + 1) % 3]);
   }
   return flips;
@@ -102,7 +110,7 @@ std::uint64_t SeamShape::collapse_needles(std::uint32_t first) {
   for (std::uint32_t t = first; t < end; ++t) {
     if (!mesh_.is_alive(t) || mesh_.tag(t) != TriangleTag::kSeam) continue;
     const Triangle c = mesh_.triangle(t);
-    if (sine_of(c) >= kSliver) continue;
+    if (is_settled(c) || sine_of(c) >= kSliver) continue;
     std::size_t shortest = 0;
     double length = 3e38;
     for (std::size_t k = 0; k < 3; ++k) {
@@ -117,7 +125,8 @@ std::uint64_t SeamShape::collapse_needles(std::uint32_t first) {
 
 SeamShape::Changes SeamShape::improve(std::uint32_t first) {
   Changes all;
-  for (int pass = 0; pass < kPasses; ++pass) {
+  last_change_.assign(mesh_.vertex_count(), 0);
+  for (pass_ = 1; pass_ <= kPasses; ++pass_) {
     context_.throw_if_cancelled();
     const std::uint64_t flips = flip_edges(first), collapses = collapse_needles(first);
     all.flips += flips;

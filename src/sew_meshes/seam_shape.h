@@ -31,9 +31,13 @@ class SeamShape {
   std::uint64_t flip_edges(std::uint32_t first);
   std::uint64_t collapse_needles(std::uint32_t first);
 
+  bool is_settled(const Triangle& t) const;
+
   LiveMesh& mesh_;
   TriangleCheck& check_;
   Context& context_;
+  std::vector<std::uint8_t> last_change_;  // per vertex: number of the pass that last made a triangle at it, from 1
+  std::uint8_t pass_ = 0;
 };
 
 }  // namespace lapseam
