@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+
+#include "core/parallel.h"
 
 namespace lapseam {
 namespace {
@@ -31,7 +34,8 @@ std::array<CanvasPoint, 2> GapFaces::ends_of(std::size_t fence) const {
   return {at(fences_[fence].from), at(fences_[fence].to)};
 }
 
-std::vector<std::array<std::uint32_t, 3>> GapFaces::fill(const std::function<void(std::size_t fence)>& on_lost) {
+std::vector<std::array<std::uint32_t, 3>> GapFaces::fill(const std::function<void(std::size_t fence)>& on_lost,
+                                                         Context& context) {
   PlanarTriangulation made(grid_);
   longest_fence_.assign(grid_.size(), 0);
   for (const Fence& fence : fences_) {
@@ -57,17 +61,26 @@ std::vector<std::array<std::uint32_t, 3>> GapFaces::fill(const std::function<voi
         gap_side[face] |= std::uint8_t(1 << k);
     seeds.push_back(face);
   }
-  const auto push = [&](std::uint32_t face) {
+  // Face by face into the gap, all of one distance from its borders at once.
+  std::vector<std::uint32_t> front;
+  const auto meet = [&](std::uint32_t face) {
     if (face == PlanarTriangulation::kNone || is_seen[face]) return;
     is_seen[face] = 1;
-    if (made.faces()[face].constrained & ~gap_side[face]) return;
-    if (is_valid(made.faces()[face])) queue.push_back(face);
+    if (!(made.faces()[face].constrained & ~gap_side[face])) front.push_back(face);
   };
-  for (const std::uint32_t face : seeds) push(face);
-  for (std::size_t i = 0; i < queue.size(); ++i) {
-    const Face face = made.faces()[queue[i]];
-    for (std::size_t k = 0; k < 3; ++k)
-      if (!(face.constrained >> k & 1)) push(face.neighbor[k]);
+  for (const std::uint32_t face : seeds) meet(face);
+  std::vector<std::uint8_t> valid;
+  while (!front.empty()) {
+    valid.assign(front.size(), 0);
+    parallel_for(context, front.size(), 16, [&](std::size_t i) { valid[i] = is_valid(made.faces()[front[i]]); });
+    const std::vector<std::uint32_t> met = std::exchange(front, {});
+    for (std::size_t i = 0; i < met.size(); ++i) {
+      if (!valid[i]) continue;
+      queue.push_back(met[i]);
+      const Face& face = made.faces()[met[i]];
+      for (std::size_t k = 0; k < 3; ++k)
+        if (!(face.constrained >> k & 1)) meet(face.neighbor[k]);
+    }
   }
   std::sort(queue.begin(), queue.end());
   std::vector<std::array<std::uint32_t, 3>> faces;

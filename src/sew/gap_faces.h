@@ -35,7 +35,8 @@ class GapFaces {
 
   /// The faces that fill gaps, as places in points(). `on_lost` is told fences, by their place, that cannot be edges;
   /// it may mark cells as blocked.
-  std::vector<std::array<std::uint32_t, 3>> fill(const std::function<void(std::size_t fence)>& on_lost);
+  std::vector<std::array<std::uint32_t, 3>> fill(const std::function<void(std::size_t fence)>& on_lost,
+                                                 Context& context);
   /// Ends of a fence in the image.
   std::array<CanvasPoint, 2> ends_of(std::size_t fence) const;
 

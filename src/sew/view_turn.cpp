@@ -282,14 +282,11 @@ void ViewTurn::triangulate_gaps() {
   in_.for_each_in_focus([&](int u, int v) {
     if (!(in_.sample.at(u, v) & ModelInView::kEmitted) && in_.is_usable(u, v) && touches_gap(u, v)) gap_point_of(u, v);
   });
-  for (const auto& face : gaps_.fill([&](std::size_t fence) {
-         const auto [a, b] = gaps_.ends_of(fence);
-         if (fence < walls_.size())
-           block(walls_[fence].a, walls_[fence].b);
-         else
-           block(a, b);
-       }))
-    add_face(face);
+  const auto block_lost = [&](std::size_t fence) {
+    const auto [a, b] = fence < walls_.size() ? std::array{walls_[fence].a, walls_[fence].b} : gaps_.ends_of(fence);
+    block(a, b);
+  };
+  for (const auto& face : gaps_.fill(block_lost, context_)) add_face(face);
 }
 
 void ViewTurn::find_border_triangles() {
