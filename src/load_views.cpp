@@ -58,14 +58,11 @@ ViewNoise estimate_view_noise(const Scene& scene, const LoadedViews& loaded, Con
     const std::vector<std::size_t>& members = sensor.members;
     const auto given = std::find_if(members.begin(), members.end(), [&](std::size_t i) { return given_by(i); });
     sensor.is_given = given != members.end();
-    if (sensor.is_given) {
-      sensor.noise = *given_by(*given);
-    } else {
-      std::vector<const View*> sample;
-      const std::size_t count = std::min(kNoiseViews, members.size());
-      for (std::size_t k = 0; k < count; ++k) sample.push_back(&loaded.views[members[k * members.size() / count]]);
-      sensor.noise = estimate_noise(sample, context);
-    }
+    std::vector<const View*> sample;
+    const std::size_t count = std::min(kNoiseViews, members.size());
+    for (std::size_t k = 0; k < count; ++k) sample.push_back(&loaded.views[members[k * members.size() / count]]);
+    sensor.measured = measure_noise(sample, context);
+    sensor.noise = sensor.is_given ? *given_by(*given) : sensor.measured.model;
     for (const std::size_t i : members) out.of_view[i] = given_by(i).value_or(sensor.noise);
   }
   return out;

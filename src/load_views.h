@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "lapseam/context.h"
-#include "lapseam/noise.h"
+#include "lapseam/noise_measurement.h"
 #include "lapseam/register.h"
 #include "lapseam/view.h"
 
@@ -37,6 +37,7 @@ std::vector<std::uint32_t> places_of(const std::vector<std::uint32_t>& fixed, co
 struct SensorNoise {
   NoiseModel noise;
   bool is_given = false;             ///< by the scene, not estimated
+  NoiseMeasurement measured;         ///< what would be estimated
   std::vector<std::size_t> members;  ///< places of its views
 };
 struct ViewNoise {

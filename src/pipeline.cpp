@@ -94,9 +94,12 @@ class Integration {
     source_index_ = std::move(loaded.source_index);
     result_.report.views_left_out = std::move(loaded.left_out);
     for (const auto& [id, sensor] : noise.sensors) {
-      result_.report.sensors[id].noise = sensor.noise;
-      result_.report.sensors[id].is_noise_given = sensor.is_given;
-      report_thresholds(sensor.members, result_.report.sensors[id]);
+      SensorReport& report = result_.report.sensors[id];
+      report.views = sensor.members.size();
+      report.noise = sensor.noise;
+      report.is_noise_given = sensor.is_given;
+      report.measured = sensor.measured;
+      report_thresholds(sensor.members, report);
     }
   }
 

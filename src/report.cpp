@@ -25,8 +25,12 @@ Json of_sensor(const SensorReport& sensor) {
                           {"sigma_m", sensor.sigma_m[k]},
                           {"sample_spacing_m", sensor.spacing_m[k]},
                           {"step_m", sensor.step_m[k]}});
+  Json bins = Json::array();
+  for (const NoiseBin& bin : sensor.measured.bins)
+    bins.push_back({{"range_m", bin.range_m}, {"sigma_m", bin.sigma_m}, {"samples", bin.samples}});
   return {{"noise", of_noise(sensor.noise)},
           {"noise_from", sensor.is_noise_given ? "manifest" : "data"},
+          {"noise_by_range", bins},
           {"thresholds", thresholds}};
 }
 

@@ -13,6 +13,7 @@
 #include "lapseam/fill_holes.h"
 #include "lapseam/health.h"
 #include "lapseam/mesh.h"
+#include "lapseam/noise_measurement.h"
 #include "lapseam/overlap.h"
 #include "lapseam/reduce.h"
 #include "lapseam/register.h"
@@ -66,8 +67,10 @@ struct ViewReport {
 
 /// The thresholds of one sensor, as they were derived from its data.
 struct SensorReport {
+  std::uint64_t views = 0;
   NoiseModel noise;
   bool is_noise_given = false;      ///< from the manifest, not estimated
+  NoiseMeasurement measured;        ///< of up to eight of its range images
   double range_m[3] = {0, 0, 0};    ///< lowest, median, highest range seen
   double sigma_m[3] = {0, 0, 0};    ///< noise there
   double spacing_m[3] = {0, 0, 0};  ///< distance between samples there

@@ -274,8 +274,27 @@ class Integrate(ToolTest):
         report = json.loads((self.folder / "r.json").read_text())
         self.assertIn("stages", report)
         self.assertTrue(report["stages"])
+        self.assertTrue((self.folder / "r-noise.svg").read_text().startswith("<svg"))
+        for sensor in report["sensors"].values():
+            self.assertTrue(sensor["noise_by_range"])
         for stage in report["stages"]:
             self.assertGreaterEqual(stage["seconds"], 0)
+
+    def test_memory_is_bounded_without_a_trace_in_the_result(self):
+        scene = save(self.folder, write_wall_scene(self.folder, views=4))
+        scratch = self.folder / "scratch"
+        scratch.mkdir()
+        self.expect_ok("integrate", scene, "-o", self.folder / "all.ply", "--no-texture")
+        self.expect_ok("integrate", scene, "-o", self.folder / "little.ply", "--no-texture", "--memory", "500M", "--tmp",
+                       scratch, "--report", self.folder / "r.json")
+        self.assertEqual((self.folder / "all.ply").read_bytes(), (self.folder / "little.ply").read_bytes())
+        memory = json.loads((self.folder / "r.json").read_text())["memory"]
+        self.assertEqual(memory["budget_bytes"], 500_000_000)
+        self.assertGreater(memory["largest_stored_bytes"], 10_000)
+        self.assertEqual(list(scratch.iterdir()), [])
+        self.expect_failure(1, "integrate", scene, "-o", self.folder / "none.ply", "--memory", "1M",
+                          names=["memory", "1 MB will not do", "would"])
+        self.assertFalse((self.folder / "none.ply").exists())
 
     def test_hold_out_leaves_views_out(self):
         scene = save(self.folder, write_wall_scene(self.folder, views=4))

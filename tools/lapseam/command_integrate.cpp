@@ -6,6 +6,7 @@
 #include "lapseam/error.h"
 #include "lapseam/integrate.h"
 #include "lapseam/io.h"
+#include "noise_plot.h"
 #include "texture_arguments.h"
 
 namespace lapseam::tool {
@@ -31,8 +32,18 @@ void check_output(const std::filesystem::path& output) {
   if (!std::filesystem::is_directory(folder)) throw IoError(folder, "no such folder");
 }
 
-void write_report(const std::string& file, const IntegrateReport& report, const Context& context) {
+// The picture of the noise lies beside the report: report.json, report-noise.svg.
+void write_report(const std::filesystem::path& file, const IntegrateReport& report, const Context& context) {
   write_text(file, to_json(report, context) + "\n");
+  std::vector<SensorSurvey> sensors;
+  for (const auto& [id, sensor] : report.sensors) {
+    SensorSurvey shown{id, sensor.views, sensor.measured.model, sensor.measured.bins, {}};
+    if (sensor.is_noise_given) shown.given = sensor.noise;
+    sensors.push_back(std::move(shown));
+  }
+  std::filesystem::path picture = file;
+  picture.replace_filename(file.stem().string() + "-noise.svg");
+  write_text(picture, plot_noise(sensors));
 }
 
 void run(const IntegrateArguments& arguments) {
@@ -84,7 +95,10 @@ void add_integrate_command(CLI::App& app) {
       ->add_option("-o,--output", arguments->output,
                    "Result: .ply (vertex colours), .glb or .obj (texture), .stl (triangles alone)")
       ->required();
-  command->add_option("--report", arguments->report, "Write a report of stages, thresholds and mesh health, as JSON");
+  command->add_option(
+      "--report", arguments->report,
+      "Write a report of stages, thresholds and mesh health, as JSON, and the noise as a picture beside it: "
+      "NAME.json, NAME-noise.svg");
   command->add_flag("--register", arguments->registers, "Refine the poses first, all at once");
   command->add_flag("--no-texture", arguments->no_texture, "Geometry only");
   command->add_option("--hold-out", arguments->hold_out, "Leave out every Nth view, from the first, for measuring")
