@@ -131,7 +131,7 @@ void add_geometry(const Posed& a, const Posed& b, const std::vector<Match>& matc
     const Eigen::Vector3d n = T.linear() * match.normal_in_b.cast<double>();
     Vector6d J;
     J << x.cross(n), n;
-    H.selfadjointView<Eigen::Lower>().rankUpdate(J, w);
+    H.noalias() += (w * J) * J.transpose();
     g += (w * r) * J;
     const double tilt = std::max(kLeastTilt_rad, 0.5 * double(std::hypot(sa.tilt_rad, sb.tilt_rad)));
     weight_sum += w;
@@ -141,7 +141,6 @@ void add_geometry(const Posed& a, const Posed& b, const std::vector<Match>& matc
   }
   sums.matches += matches.size();
   if (!(weight_sum > 0)) return;
-  H = Matrix6d(H.selfadjointView<Eigen::Lower>());
   sums.H += H;
   sums.g += sign * g;
   // Information of the same points, were each known in all directions; what exceeds H is along the surfaces.
@@ -191,10 +190,10 @@ void add_color(const Posed& a, const Posed& b, const std::vector<Match>& matches
     const Eigen::Vector3d d = T.linear() * b.image->brightness_gradient_per_m[match.b].cast<double>();
     Vector6d J;
     J << x.cross(d), d;
-    H.selfadjointView<Eigen::Lower>().rankUpdate(J, w);
+    H.noalias() += (w * J) * J.transpose();
     g += (w * r) * J;
   }
-  sums.H += Matrix6d(H.selfadjointView<Eigen::Lower>());
+  sums.H += H;
   sums.g += sign * g;
 }
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "core/parallel.h"
 #include "lapseam/error.h"
@@ -31,6 +32,11 @@ constexpr double kNegligible = 0.25;
 constexpr double kFinestScale = 1.0 / 16;
 // A pair begins at this many times the spread of its first matches.
 constexpr double kStart = 1.35;
+// Surfels of each view that are matched on the way, and that a result is judged by; only the last steps take all. They
+// are taken in steps that are odd, so as not to run down columns.
+constexpr std::size_t kOnTheWay = 1000, kJudged = 4000;
+constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
+constexpr int kLastIterations = 4;
 // Fewer matches say nothing of a pair.
 constexpr std::size_t kFewestMatches = 30;
 // Each measurement is matched from both sides.
@@ -81,7 +87,6 @@ class Registrar {
         refine(level, level == 0 ? kFineIterations : kCoarseIterations);
         stage.advance();
       }
-      undo_sliding();
     }
     StageScope stage(context_, "judge registration");
     judge();
@@ -208,35 +213,48 @@ class Registrar {
     if (scale_m_ < finest) return;
     const std::vector<std::optional<KdTree>> trees = make_trees(level);
     for (int iteration = 0; iteration < iterations; ++iteration) {
-      associate_all(level, trees);
-      const double moved = move_views(solve(false, level > 0 ? kCertainOnTheWay : kCertain).motion),
-                   noise = typical_noise();
-      ++result_.report.iterations;
-      if (moved > kArrived * std::hypot(scale_m_, noise)) continue;
-      if (scale_m_ <= finest || scale_m_ < kNegligible * noise) break;
+      const bool has_arrived = step(level, trees, kOnTheWay);
+      if (!has_arrived) continue;
+      if (scale_m_ <= finest || scale_m_ < kNegligible * typical_noise()) break;
       scale_m_ = std::max(finest, kClosing * scale_m_);
+    }
+    if (level == 0) refine_with_all(trees);
+  }
+
+  // Coarse levels see motions as certain that the finest knows nothing of: what views moved along those is taken back.
+  void refine_with_all(const std::vector<std::optional<KdTree>>& trees) {
+    bool is_taken_back = false;
+    for (int iteration = 0; iteration < kLastIterations; ++iteration) {
+      if (!step(0, trees, kAll)) continue;
+      if (is_taken_back || slid_.empty()) return;
+      move_views(slid_);
+      is_taken_back = true;
     }
   }
 
-  void associate_all(int level, const std::vector<std::optional<KdTree>>& trees) {
+  // Whether the views have hardly moved.
+  bool step(int level, const std::vector<std::optional<KdTree>>& trees, std::size_t surfels) {
+    associate_all(level, trees, surfels);
+    std::vector<Vector6d> total(n_);
+    for (std::size_t i = 0; i < n_; ++i) total[i] = motion_since_given(i);
+    NetworkStep found = solve(false, level > 0 ? kCertainOnTheWay : kCertain, &total);
+    slid_ = std::move(found.slid);
+    const double moved = move_views(found.motion);
+    ++result_.report.iterations;
+    return moved <= kArrived * std::hypot(scale_m_, typical_noise());
+  }
+
+  void associate_all(int level, const std::vector<std::optional<KdTree>>& trees, std::size_t surfels) {
     std::vector<Posed> posed = posed_at(level);
     for (std::size_t i = 0; i < n_; ++i)
       if (trees[i]) posed[i].tree = &*trees[i];
     parallel_for(context_, pairs_.size(), 1, [&](std::size_t k) {
-      if (!pairs_[k].is_dropped) associate(pairs_[k], posed);
+      if (!pairs_[k].is_dropped) associate(pairs_[k], posed, surfels);
     });
   }
 
-  // Coarse levels see motions as certain that the finest knows nothing of: what views moved along those is taken back.
-  void undo_sliding() {
-    const std::vector<std::optional<KdTree>> trees = make_trees(0);
-    associate_all(0, trees);
-    std::vector<Vector6d> total(n_);
-    for (std::size_t i = 0; i < n_; ++i) total[i] = motion_since_given(i);
-    const std::vector<Vector6d> back = solve(false, kCertain, &total).slid;
-    if (back.empty()) return;
-    move_views(back);
-    refine(0, kFineIterations);
+  static std::size_t stride_of(const Posed& view, std::size_t surfels) {
+    return std::max<std::size_t>(1, view.image->usable.size() / surfels) | 1;
   }
 
   // Rotation, and translation of the centre.
@@ -250,12 +268,13 @@ class Registrar {
 
   Eigen::Vector3d center_of(std::size_t i) const { return result_.views[i].T_world_view * pyramids_[i].center_in_view; }
 
-  void associate(Pair& pair, const std::vector<Posed>& posed) const {
+  void associate(Pair& pair, const std::vector<Posed>& posed, std::size_t surfels) const {
     Posed a = posed[pair.views.a], b = posed[pair.views.b];
     if (!pair.is_weak && is_central(pair.views.a)) a.tree = nullptr;
     if (!pair.is_weak && is_central(pair.views.b)) b.tree = nullptr;
     pair.gate.scale_m = std::max(std::min(scale_m_, pair.start_m), pair.unexplained_m);
-    const std::vector<Match> a_in_b = find_matches(a, b, pair.gate), b_in_a = find_matches(b, a, pair.gate);
+    const std::vector<Match> a_in_b = find_matches(a, b, pair.gate, stride_of(a, surfels)),
+                             b_in_a = find_matches(b, a, pair.gate, stride_of(b, surfels));
     pair.sums = {};
     pair.center = 0.5 * (center_of(pair.views.a) + center_of(pair.views.b));
     if (a_in_b.size() + b_in_a.size() < kFewestMatches) return;
@@ -343,12 +362,14 @@ class Registrar {
     const Gate wide{capture_m_, capture_m_};
     std::vector<double> absolute;
     Agreement out;
-    for (const bool is_turned : {false, true})
-      for (const Match& match : find_matches(is_turned ? b : a, is_turned ? a : b, wide)) {
+    for (const bool is_turned : {false, true}) {
+      const Posed &from = is_turned ? b : a, &to = is_turned ? a : b;
+      for (const Match& match : find_matches(from, to, wide, stride_of(from, kJudged))) {
         const double r = std::abs(double(match.residual_m)), t = r / pair.gate.at(double(match.variance_m2));
         absolute.push_back(r);
         out.gain += std::max(0.0, 1 - t * t);
       }
+    }
     std::sort(absolute.begin(), absolute.end());
     out.residual.matches = absolute.size();
     if (absolute.empty()) return out;
@@ -375,7 +396,7 @@ class Registrar {
       for (std::size_t i = 0; i < n_; ++i)
         if (result_.views[i].placement == ViewPlacement::kUnlinked)
           result_.views[i].T_world_view = views_[i].T_world_view;
-      refine(0, kFineIterations);
+      refine_with_all(make_trees(0));
     }
   }
 
@@ -455,7 +476,7 @@ class Registrar {
   }
 
   void finish() {
-    associate_all(0, make_trees(0));
+    associate_all(0, make_trees(0), kAll);
     std::vector<double> tensions;
     for (std::size_t k = 0; k < pairs_.size(); ++k) {
       if (pairs_[k].is_dropped || pairs_[k].sums.matches == 0) continue;
@@ -509,6 +530,7 @@ class Registrar {
   int levels_ = 0;
   double capture_m_ = 0;
   double scale_m_ = 0;
+  std::vector<Vector6d> slid_;  // what takes back the motion along what the last step found undetermined
   std::vector<Pair> pairs_;
 };
 
