@@ -108,6 +108,10 @@ double Gate::at(double variance_m2) const {
   return std::min(capture_m, kTukey * std::sqrt(variance_m2 + scale_m * scale_m));
 }
 
+std::size_t thinning(const SurfelImage& image, std::size_t surfels) {
+  return std::max<std::size_t>(1, image.usable.size() / surfels) | 1;
+}
+
 std::vector<Match> find_matches(const Posed& a, const Posed& b, const Gate& gate, std::size_t stride) {
   Matcher matcher(a, b, gate);
   return std::visit([&](const auto& sensor) { return matcher.run(sensor, stride); }, *b.sensor);

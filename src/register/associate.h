@@ -41,6 +41,9 @@ struct Gate {
   double at(double variance_m2) const;
 };
 
+/// Stride by which about so many of an image's surfels are matched: odd, so as not to run down columns.
+std::size_t thinning(const SurfelImage& image, std::size_t surfels);
+
 /// Every stride-th usable surfel of a: first where it is projected to in b's image; where that gives nothing, the
 /// closest surfel of b, if there is a tree.
 std::vector<Match> find_matches(const Posed& a, const Posed& b, const Gate& gate, std::size_t stride = 1);

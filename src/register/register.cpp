@@ -13,6 +13,7 @@
 #include "register/brightness.h"
 #include "register/network.h"
 #include "register/pairs.h"
+#include "register/range_offsets.h"
 
 namespace lapseam {
 namespace {
@@ -32,11 +33,12 @@ constexpr double kNegligible = 0.25;
 constexpr double kFinestScale = 1.0 / 16;
 // A pair begins at this many times the spread of its first matches.
 constexpr double kStart = 1.35;
-// Surfels of each view that are matched on the way, and that a result is judged by; only the last steps take all. They
-// are taken in steps that are odd, so as not to run down columns.
+// Surfels of each view that are matched on the way, and that a result is judged by; only the last steps take all.
 constexpr std::size_t kOnTheWay = 1000, kJudged = 4000;
 constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
 constexpr int kLastIterations = 4;
+// Poses and what sensors are off by take turns.
+constexpr int kCalibrations = 4;
 // Fewer matches say nothing of a pair.
 constexpr std::size_t kFewestMatches = 30;
 // Each measurement is matched from both sides.
@@ -69,7 +71,13 @@ class Registrar {
  public:
   Registrar(std::span<const View> views, std::span<const NoiseModel> noise, const PictureOf& pictures,
             const RegisterOptions& options, Context& context)
-      : views_(views), noise_(noise), pictures_(pictures), options_(options), context_(context), n_(views.size()) {
+      : given_(views),
+        views_(views),
+        noise_(noise),
+        pictures_(pictures),
+        options_(options),
+        context_(context),
+        n_(views.size()) {
     if (noise.size() != n_) throw InvalidInput({}, {}, "noise", "not one model for each view");
     for (const std::uint32_t view : options.fixed)
       if (view >= n_) throw InvalidInput({}, {}, "fixed", "there is no view " + std::to_string(view));
@@ -80,6 +88,7 @@ class Registrar {
     for (std::size_t i = 0; i < n_; ++i) result_.views[i].T_world_view = views_[i].T_world_view;
     if (n_ == 0) return std::move(result_);
     make_pyramids();
+    set_capture_range();
     link();
     {
       StageScope stage(context_, "register", std::uint64_t(levels_));
@@ -88,6 +97,7 @@ class Registrar {
         stage.advance();
       }
     }
+    if (options_.calibrate) calibrate();
     StageScope stage(context_, "judge registration");
     judge();
     finish();
@@ -105,6 +115,9 @@ class Registrar {
       pyramids_[i] = make_surfels(views_[i], noise_[i], kMostSurfels, brightness);
       stage.advance();
     });
+  }
+
+  void set_capture_range() {
     std::vector<double> sizes;
     for (const SurfelPyramid& pyramid : pyramids_) {
       levels_ = std::max(levels_, int(pyramid.levels.size()));
@@ -232,6 +245,30 @@ class Registrar {
     }
   }
 
+  // Poses are held while offsets are found, and the other way round.
+  void calibrate() {
+    StageScope stage(context_, "calibrate", kCalibrations);
+    for (int round = 0; round < kCalibrations; ++round) {
+      std::vector<OffsetPair> pairs;
+      for (const Pair& pair : pairs_)
+        if (!pair.is_dropped && pair.sums.matches > 0) pairs.push_back({pair.views.a, pair.views.b, pair.gate});
+      if (!add_range_offsets(views_, posed_at(0), pairs, kJudged, result_.corrections, context_)) break;
+      correct_views();
+      make_pyramids();
+      refine_with_all(make_trees(0));
+      stage.advance();
+    }
+  }
+
+  void correct_views() {
+    if (corrected_.empty()) corrected_.assign(given_.begin(), given_.end());
+    parallel_for(context_, n_, 1, [&](std::size_t i) {
+      const auto found = result_.corrections.find(given_[i].sensor_id);
+      if (found != result_.corrections.end()) corrected_[i].range = corrected(given_[i].range, found->second);
+    });
+    views_ = corrected_;
+  }
+
   // Whether the views have hardly moved.
   bool step(int level, const std::vector<std::optional<KdTree>>& trees, std::size_t surfels) {
     associate_all(level, trees, surfels);
@@ -253,10 +290,6 @@ class Registrar {
     });
   }
 
-  static std::size_t stride_of(const Posed& view, std::size_t surfels) {
-    return std::max<std::size_t>(1, view.image->usable.size() / surfels) | 1;
-  }
-
   // Rotation, and translation of the centre.
   Vector6d motion_since_given(std::size_t i) const {
     const Eigen::Isometry3d &now = result_.views[i].T_world_view, &given = views_[i].T_world_view;
@@ -273,8 +306,8 @@ class Registrar {
     if (!pair.is_weak && is_central(pair.views.a)) a.tree = nullptr;
     if (!pair.is_weak && is_central(pair.views.b)) b.tree = nullptr;
     pair.gate.scale_m = std::max(std::min(scale_m_, pair.start_m), pair.unexplained_m);
-    const std::vector<Match> a_in_b = find_matches(a, b, pair.gate, stride_of(a, surfels)),
-                             b_in_a = find_matches(b, a, pair.gate, stride_of(b, surfels));
+    const std::vector<Match> a_in_b = find_matches(a, b, pair.gate, thinning(*a.image, surfels)),
+                             b_in_a = find_matches(b, a, pair.gate, thinning(*b.image, surfels));
     pair.sums = {};
     pair.center = 0.5 * (center_of(pair.views.a) + center_of(pair.views.b));
     if (a_in_b.size() + b_in_a.size() < kFewestMatches) return;
@@ -364,7 +397,7 @@ class Registrar {
     Agreement out;
     for (const bool is_turned : {false, true}) {
       const Posed &from = is_turned ? b : a, &to = is_turned ? a : b;
-      for (const Match& match : find_matches(from, to, wide, stride_of(from, kJudged))) {
+      for (const Match& match : find_matches(from, to, wide, thinning(*from.image, kJudged))) {
         const double r = std::abs(double(match.residual_m)), t = r / pair.gate.at(double(match.variance_m2));
         absolute.push_back(r);
         out.gain += std::max(0.0, 1 - t * t);
@@ -519,7 +552,9 @@ class Registrar {
     return out;
   }
 
-  const std::span<const View> views_;
+  const std::span<const View> given_;
+  std::span<const View> views_;  // as given, or without what their sensors are off by
+  std::vector<View> corrected_;
   const std::span<const NoiseModel> noise_;
   const PictureOf& pictures_;
   const RegisterOptions& options_;
