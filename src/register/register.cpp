@@ -33,8 +33,9 @@ constexpr double kNegligible = 0.25;
 constexpr double kFinestScale = 1.0 / 16;
 // A pair begins at this many times the spread of its first matches.
 constexpr double kStart = 1.35;
-// Surfels of each view that are matched on the way, and that a result is judged by; only the last steps take all.
-constexpr std::size_t kOnTheWay = 1000, kJudged = 4000;
+// Surfels of each view that are matched on the way, with all its partners together and at least with each; and that a
+// result is judged by. Only the last steps take all.
+constexpr std::size_t kOnTheWay = 20'000, kOnTheWayEach = 1000, kJudged = 4000;
 constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
 constexpr int kLastIterations = 4;
 // Poses and what sensors are off by take turns.
@@ -226,7 +227,8 @@ class Registrar {
     if (scale_m_ < finest) return;
     const std::vector<std::optional<KdTree>> trees = make_trees(level);
     for (int iteration = 0; iteration < iterations; ++iteration) {
-      const bool has_arrived = step(level, trees, kOnTheWay);
+      const bool has_arrived =
+          step(level, trees, std::max(kOnTheWayEach, kOnTheWay * n_ / (2 * std::max<std::size_t>(1, pairs_.size()))));
       if (!has_arrived) continue;
       if (scale_m_ <= finest || scale_m_ < kNegligible * typical_noise()) break;
       scale_m_ = std::max(finest, kClosing * scale_m_);
