@@ -127,9 +127,8 @@ class Offsets {
     const Eigen::Isometry3d T_b_a = b.T_world_view.inverse(Eigen::Isometry) * a.T_world_view;
     const std::size_t stride = thinning(*a.image, surfels);
     for (const Match& match : find_matches(a, b, gate, stride)) {
-      const double variance = double(match.variance_m2), r = double(match.residual_m);
-      const double t = r / gate.at(variance), fit = std::max(0.0, 1 - t * t);
-      const double w = fit * fit / (variance + gate.scale_m * gate.scale_m);
+      const double r = double(match.residual_m), t = r / gate.at(match), fit = std::max(0.0, 1 - t * t);
+      const double w = fit * fit / gate.variance(match);
       if (!(w > 0)) continue;
       const Eigen::Vector3d n = match.normal_in_b.cast<double>();
       const Eigen::Vector3d p = T_b_a.linear() * a.image->surfels[match.a].point.cast<double>();

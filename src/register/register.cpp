@@ -50,14 +50,13 @@ constexpr double kChance = 2;
 constexpr int kMostJudgements = 1;
 
 struct Pair {
-  Overlap views;
-  Gate gate;
+  Overlap views{};
+  Gate gate{};
   Eigen::Vector3d center = Eigen::Vector3d::Zero();
-  PairSums sums;
-  double start_m = 0;        // scale of its residuals at first; 0: too few to tell
-  double noise_m = 0;        // what noise makes of them, median
-  double unexplained_m = 0;  // and what it does not explain
-  bool is_weak = false;      // projection finds too little: closest points help
+  PairSums sums{};
+  double start_m = 0;    // scale of its residuals at first; 0: too few to tell
+  double noise_m = 0;    // what noise makes of them, median
+  bool is_weak = false;  // projection finds too little: closest points help
   bool is_dropped = false;
 };
 
@@ -148,7 +147,7 @@ class Registrar {
     StageScope stage(context_, "find pairs");
     for (const Overlap& overlap :
          select_pairs(find_overlaps(posed_at(levels_ - 1), capture_m_, context_), n_, kMostPartners))
-      pairs_.push_back({overlap, {capture_m_ / kTukey, capture_m_}, {}, {}, 0, 0, 0, false, false});
+      pairs_.push_back({overlap, {capture_m_ / kTukey, capture_m_}});
     for (const std::uint32_t view : options_.fixed) result_.views[view].placement = ViewPlacement::kFixed;
     fix_parts();
     start_pairs();
@@ -188,12 +187,20 @@ class Registrar {
       std::vector<Match> all = find_matches(posed[views.a], posed[views.b], wide);
       const std::vector<Match> back = find_matches(posed[views.b], posed[views.a], wide);
       all.insert(all.end(), back.begin(), back.end());
-      pairs_[k].start_m = all.size() < kFewestMatches ? scale_m_ : std::min(scale_m_, kStart * robust_spread(all));
+      pairs_[k].start_m =
+          all.size() < kFewestMatches ? scale_m_ : std::min(scale_m_, kStart * robust_spread(all, wide));
+      pairs_[k].gate.distance_m = is_central(views.a) && is_central(views.b) ? typical_distance(all) : 0;
       pairs_[k].is_weak = all.size() < kFewestMatches;
     });
     double most = 0;
     for (const Pair& pair : pairs_) most = std::max(most, pair.start_m);
     scale_m_ = std::min(scale_m_, most);
+  }
+
+  static double typical_distance(const std::vector<Match>& matches) {
+    std::vector<double> distances;
+    for (const Match& match : matches) distances.push_back(double(match.distance_m));
+    return middle(distances);
   }
 
   bool is_moving(std::size_t i) const { return result_.views[i].placement == ViewPlacement::kPlaced; }
@@ -307,7 +314,7 @@ class Registrar {
     Posed a = posed[pair.views.a], b = posed[pair.views.b];
     if (!pair.is_weak && is_central(pair.views.a)) a.tree = nullptr;
     if (!pair.is_weak && is_central(pair.views.b)) b.tree = nullptr;
-    pair.gate.scale_m = std::max(std::min(scale_m_, pair.start_m), pair.unexplained_m);
+    pair.gate.scale_m = std::min(scale_m_, pair.start_m);
     const std::vector<Match> a_in_b = find_matches(a, b, pair.gate, thinning(*a.image, surfels)),
                              b_in_a = find_matches(b, a, pair.gate, thinning(*b.image, surfels));
     pair.sums = {};
@@ -324,11 +331,16 @@ class Registrar {
   void measure_spread(Pair& pair, const std::vector<Match>& a_in_b, const std::vector<Match>& b_in_a) const {
     std::vector<Match> all = a_in_b;
     all.insert(all.end(), b_in_a.begin(), b_in_a.end());
-    std::vector<double> variances;
-    for (const Match& match : all) variances.push_back(double(match.variance_m2));
-    const double spread = robust_spread(all), noise = middle(variances);
-    pair.noise_m = std::sqrt(noise);
-    pair.unexplained_m = std::min({scale_m_, pair.start_m, std::sqrt(std::max(0.0, spread * spread - noise))});
+    std::vector<double> noises, variances;
+    for (const Match& match : all) {
+      const double relative = pair.gate.relative_distance(match);
+      noises.push_back(double(match.variance_m2));
+      variances.push_back(double(match.variance_m2) / (relative * relative));
+    }
+    const double spread = robust_spread(all, pair.gate);
+    pair.noise_m = std::sqrt(middle(noises));
+    const double unexplained = std::sqrt(std::max(0.0, spread * spread - middle(variances)));
+    pair.gate.unexplained_m = std::min({scale_m_, pair.start_m, unexplained});
   }
 
   double spacing_at(int level) const {
@@ -400,7 +412,7 @@ class Registrar {
     for (const bool is_turned : {false, true}) {
       const Posed &from = is_turned ? b : a, &to = is_turned ? a : b;
       for (const Match& match : find_matches(from, to, wide, thinning(*from.image, kJudged))) {
-        const double r = std::abs(double(match.residual_m)), t = r / pair.gate.at(double(match.variance_m2));
+        const double r = std::abs(double(match.residual_m)), t = r / pair.gate.at(match);
         absolute.push_back(r);
         out.gain += std::max(0.0, 1 - t * t);
       }
@@ -505,7 +517,7 @@ class Registrar {
       out.overlap = pairs_[k].views.share;
       out.before = before[k].residual;
       out.after = after[k].residual;
-      out.unexplained_m = pairs_[k].gate.scale_m;
+      out.unexplained_m = std::max(pairs_[k].gate.scale_m, pairs_[k].gate.unexplained_m);
       if (pairs_[k].sums.matches == 0 && !pairs_[k].is_dropped) out.problem = "too few matches";
     }
   }
