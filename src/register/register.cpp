@@ -39,7 +39,7 @@ constexpr std::size_t kOnTheWay = 20'000, kOnTheWayEach = 1000, kJudged = 4000;
 constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
 constexpr int kLastIterations = 4;
 // Poses and what sensors are off by take turns.
-constexpr int kCalibrations = 4;
+constexpr int kCalibrations = 10;
 // Fewer matches say nothing of a pair.
 constexpr std::size_t kFewestMatches = 30;
 // Each measurement is matched from both sides.
@@ -264,9 +264,10 @@ class Registrar {
       if (!add_range_offsets(views_, posed_at(0), pairs, kJudged, result_.corrections, context_)) break;
       correct_views();
       make_pyramids();
-      refine_with_all(make_trees(0));
+      step(0, make_trees(0), kJudged);
       stage.advance();
     }
+    if (!corrected_.empty()) refine_with_all(make_trees(0));
   }
 
   void correct_views() {
