@@ -37,8 +37,8 @@ PictureOf pictures_of(const Scene& scene, const LoadedViews& loaded) {
 namespace {
 
 // Takes out of the views what their sensors are off by, and writes what is left beside the manifest.
-void write_corrected(const RegisterResult& placed, const std::filesystem::path& folder, LoadedViews& loaded,
-                     Scene& scene, Context& context) {
+void write_corrected(const RegisterResult& placed, const ViewNoise& noise, const std::filesystem::path& folder,
+                     LoadedViews& loaded, Scene& scene, Context& context) {
   const std::vector<std::string> names = range_file_names(scene.views);
   std::error_code failure;
   std::filesystem::create_directories(folder, failure);
@@ -53,6 +53,8 @@ void write_corrected(const RegisterResult& placed, const std::filesystem::path& 
     source.range = {};
     source.range.format = RangeFormat::kExr;
     source.range.file = folder / names[loaded.source_index[i]];
+    // Steps of whole disparities are no longer told from surfaces when the noise is estimated anew.
+    source.noise = noise.of_view[i];
     source.range.quantity = RangeQuantity::kZ;  // only pinhole sensors are corrected
     write_range_exr(source.range.file, view.range, view.sensor, view.T_world_view);
   });
@@ -83,7 +85,7 @@ RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOption
     if (!placed.views[i].problem.empty())
       context.warn("view " + view.name + " was left where it was: " + placed.views[i].problem);
   }
-  if (!placed.corrections.empty()) write_corrected(placed, options.corrected_ranges, loaded, out.scene, context);
+  if (!placed.corrections.empty()) write_corrected(placed, noise, options.corrected_ranges, loaded, out.scene, context);
   report.corrections = std::move(placed.corrections);
   StageScope stage(context, "disagreement");
   report.disagreement_after = survey_disagreement(loaded.views, noise.of_view, context);
