@@ -115,6 +115,11 @@ std::string legend(const Scale& scale) {
 std::string to_json(const RegisterSceneReport& report, const Context& context) {
   Json json = report_head("lapseam-registration", context);
   json.update(Json::parse(to_json(report.registration, report.views, report.names)));
+  for (const auto& [id, correction] : report.corrections)
+    json["corrections"].push_back({{"sensor", id},
+                                   {"columns", correction.columns},
+                                   {"rows", correction.rows},
+                                   {"inverse_range_offset_per_m", correction.offset_per_m}});
   json["views_left_out"] = report.views_left_out;
   json["disagreement_before"] = Json::parse(to_json(report.disagreement_before, report.names));
   json["disagreement_after"] = Json::parse(to_json(report.disagreement_after, report.names));

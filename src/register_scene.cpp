@@ -3,11 +3,14 @@
 #include "lapseam/register_scene.h"
 
 #include <algorithm>
+#include <filesystem>
 
+#include "core/parallel.h"
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "lapseam/io.h"
 #include "load_views.h"
+#include "range_files.h"
 
 namespace lapseam {
 std::vector<std::uint32_t> places_of(const std::vector<std::uint32_t>& fixed, const LoadedViews& loaded,
@@ -30,6 +33,34 @@ PictureOf pictures_of(const Scene& scene, const LoadedViews& loaded) {
     return ViewPicture{load_color(source), source.color->camera, source.color->T_view_color};
   };
 }
+
+namespace {
+
+// Takes out of the views what their sensors are off by, and writes what is left beside the manifest.
+void write_corrected(const RegisterResult& placed, const ViewNoise& noise, const std::filesystem::path& folder,
+                     LoadedViews& loaded, Scene& scene, Context& context) {
+  const std::vector<std::string> names = range_file_names(scene.views);
+  std::error_code failure;
+  std::filesystem::create_directories(folder, failure);
+  if (failure) throw IoError(folder, "cannot make this folder: " + failure.message());
+  StageScope stage(context, "write range images");
+  parallel_for(context, loaded.views.size(), 1, [&](std::size_t i) {
+    View& view = loaded.views[i];
+    const auto found = placed.corrections.find(view.sensor_id);
+    if (found == placed.corrections.end()) return;
+    view.range = corrected(view.range, found->second);
+    ViewSource& source = scene.views[loaded.source_index[i]];
+    source.range = {};
+    source.range.format = RangeFormat::kExr;
+    source.range.file = folder / names[loaded.source_index[i]];
+    // Steps of whole disparities are no longer told from surfaces when the noise is estimated anew.
+    source.noise = noise.of_view[i];
+    source.range.quantity = RangeQuantity::kZ;  // only pinhole sensors are corrected
+    write_range_exr(source.range.file, view.range, view.sensor, view.T_world_view);
+  });
+}
+
+}  // namespace
 
 RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOptions& options, Context& context) {
   LoadedViews loaded = load_views(scene, {.skip_bad_views = options.skip_bad_views}, context);
@@ -54,6 +85,8 @@ RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOption
     if (!placed.views[i].problem.empty())
       context.warn("view " + view.name + " was left where it was: " + placed.views[i].problem);
   }
+  if (!placed.corrections.empty()) write_corrected(placed, noise, options.corrected_ranges, loaded, out.scene, context);
+  report.corrections = std::move(placed.corrections);
   StageScope stage(context, "disagreement");
   report.disagreement_after = survey_disagreement(loaded.views, noise.of_view, context);
   report.views_left_out = std::move(loaded.left_out);

@@ -10,6 +10,7 @@
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "lapseam/io.h"
+#include "range_files.h"
 
 namespace lapseam {
 namespace {
@@ -18,27 +19,6 @@ namespace fs = std::filesystem;
 
 // Views of one sensor that its noise is estimated from, spread over the scene; as in the pipeline.
 constexpr std::size_t kNoiseViews = 8;
-
-/// File names for the views: theirs where that is safe in any file system, otherwise with what is not replaced.
-std::vector<std::string> file_names(const std::vector<ViewSource>& views) {
-  const auto is_safe = [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
-           c == '.';
-  };
-  constexpr std::size_t kLongest = 100;
-  std::set<std::string> used;
-  std::vector<std::string> out;
-  for (const ViewSource& view : views) {
-    std::string stem = view.name.substr(0, kLongest);
-    std::replace_if(
-        stem.begin(), stem.end(), [&](char c) { return !is_safe(c); }, '_');
-    if (stem.empty() || stem.front() == '.') stem.insert(0, "view");
-    std::string name = stem;
-    for (int i = 2; !used.insert(name).second; ++i) name = stem + "-" + std::to_string(i);
-    out.push_back(name + ".exr");
-  }
-  return out;
-}
 
 bool is_same_file(const fs::path& a, const fs::path& b) {
   std::error_code ignored;  // what does not exist is nobody's
@@ -53,7 +33,7 @@ class SceneSmoother {
  public:
   SceneSmoother(const Scene& scene, const fs::path& folder, const SmoothSceneOptions& options, Context& context)
       : scene_(scene), folder_(folder), options_(options), context_(context), written_(scene.views) {
-    const std::vector<std::string> names = file_names(scene.views);
+    const std::vector<std::string> names = range_file_names(scene.views);
     for (const std::string& name : names) files_.push_back(folder / "range" / name);
   }
 

@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -27,7 +28,19 @@ struct RegisterOptions {
   /// How far points of one surface may be apart at first, metres; 0: a tenth of what a view sees. A view that moves
   /// farther is taken for lost.
   double capture_m = 0;
+  /// Depth cameras (pinhole sensors with eight views or more) measure some parts of their images too far or too near,
+  /// always alike: find by how much, along with the poses.
+  bool calibrate = false;
 };
+
+/// What a depth camera is off by: its inverse range is to be raised by an offset, bilinear between nodes that are
+/// spread evenly over the image, from corner to corner, row by row.
+struct RangeCorrection {
+  int columns = 0, rows = 0;
+  std::vector<double> offset_per_m{};
+};
+/// The range image without what the sensor is off by.
+RangeImage corrected(const RangeImage& range, const RangeCorrection& correction);
 
 /// A view's picture, as ColorSource describes it.
 struct ViewPicture {
@@ -90,6 +103,7 @@ struct RegisterReport {
 struct RegisterResult {
   std::vector<PlacedView> views;
   RegisterReport report;
+  std::map<std::string, RangeCorrection> corrections;  ///< by sensor id; of those that were found to need one
 };
 
 /// Moves all views at once until their surfaces agree: projective and closest-point matches, distances along normals

@@ -2,6 +2,8 @@
 
 // Registration from a scene to a scene, and what to tell of it.
 
+#include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -16,6 +18,8 @@ struct RegisterSceneOptions {
   RegisterOptions registration{};  ///< its fixed views count as the scene does
   /// Views that cannot be loaded keep their poses, with a warning, instead of failing.
   bool skip_bad_views = false;
+  /// Folder that range images without what their sensor is off by go to, with registration.calibrate.
+  std::filesystem::path corrected_ranges{};
 };
 
 struct RegisterSceneReport {
@@ -23,16 +27,17 @@ struct RegisterSceneReport {
   std::vector<std::string> views_left_out;
   std::vector<PlacedView> views;
   RegisterReport registration;
+  std::map<std::string, RangeCorrection> corrections;  ///< by sensor id
   Disagreement disagreement_before, disagreement_after;
 };
 
 struct RegisterSceneResult {
-  Scene scene;  ///< with new poses, and covariances of those
+  Scene scene;  ///< with new poses, covariances of those, and corrected range images where there are
   RegisterSceneReport report;
 };
 
-/// Loads the views and their pictures, estimates the noise, registers. Same results for any number of threads. Throws
-/// InvalidInput, IoError, Cancelled.
+/// Loads the views and their pictures, estimates the noise, registers; writes range images only where sensors are
+/// calibrated. Same results for any number of threads. Throws InvalidInput, IoError, Cancelled.
 RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOptions& options, Context& context);
 
 /// The report with the context's stages and warnings, as JSON text.

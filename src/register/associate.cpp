@@ -21,6 +21,8 @@ constexpr std::size_t kFewestColors = 30;
 // Colours of neighbouring surfels are off together (blur, shading, misplaced colour cameras): they count as if each
 // four were one.
 constexpr double kColorCorrelation = 4;
+// Share of the distance of a pair below which what is unexplained does not shrink further.
+constexpr double kNearest = 0.5;
 // Below, the errors of normals are not known.
 constexpr double kLeastTilt_rad = 1e-3;
 
@@ -70,7 +72,8 @@ class Matcher {
     const Eigen::Vector3f normal = (normal_a + b.normal).normalized();
     out.residual_m = normal.dot(p - b.point);
     out.variance_m2 = a.sigma_m * a.sigma_m + b.sigma_m * b.sigma_m;
-    if (double(std::abs(out.residual_m)) > gate_.at(double(out.variance_m2))) return false;
+    out.distance_m = std::sqrt(std::max(a.point.squaredNorm(), b.point.squaredNorm()));
+    if (double(std::abs(out.residual_m)) > gate_.at(out)) return false;
     out.b = i;
     out.normal_in_b = normal;
     return true;
@@ -104,8 +107,19 @@ double median_of(std::vector<float>& values) {
 
 }  // namespace
 
-double Gate::at(double variance_m2) const {
-  return std::min(capture_m, kTukey * std::sqrt(variance_m2 + scale_m * scale_m));
+double Gate::relative_distance(const Match& match) const {
+  return distance_m > 0 ? std::max(kNearest, double(match.distance_m) / distance_m) : 1;
+}
+
+double Gate::variance(const Match& match) const {
+  const double scale = std::max(scale_m, unexplained_m * relative_distance(match));
+  return double(match.variance_m2) + scale * scale;
+}
+
+double Gate::at(const Match& match) const { return std::min(capture_m, kTukey * std::sqrt(variance(match))); }
+
+std::size_t thinning(const SurfelImage& image, std::size_t surfels) {
+  return std::max<std::size_t>(1, image.usable.size() / surfels) | 1;
 }
 
 std::vector<Match> find_matches(const Posed& a, const Posed& b, const Gate& gate, std::size_t stride) {
@@ -125,13 +139,12 @@ void add_geometry(const Posed& a, const Posed& b, const std::vector<Match>& matc
   for (const Match& match : matches) {
     const Surfel& sa = a.image->surfels[match.a];
     const Surfel& sb = b.image->surfels[match.b];
-    const double variance = double(match.variance_m2), r = double(match.residual_m);
-    const double w = tukey(r, gate.at(variance)) / (variance + gate.scale_m * gate.scale_m);
+    const double r = double(match.residual_m), w = tukey(r, gate.at(match)) / gate.variance(match);
     const Eigen::Vector3d x = T.linear() * sb.point.cast<double>() + offset;
     const Eigen::Vector3d n = T.linear() * match.normal_in_b.cast<double>();
     Vector6d J;
     J << x.cross(n), n;
-    H.selfadjointView<Eigen::Lower>().rankUpdate(J, w);
+    H.noalias() += (w * J) * J.transpose();
     g += (w * r) * J;
     const double tilt = std::max(kLeastTilt_rad, 0.5 * double(std::hypot(sa.tilt_rad, sb.tilt_rad)));
     weight_sum += w;
@@ -141,7 +154,6 @@ void add_geometry(const Posed& a, const Posed& b, const std::vector<Match>& matc
   }
   sums.matches += matches.size();
   if (!(weight_sum > 0)) return;
-  H = Matrix6d(H.selfadjointView<Eigen::Lower>());
   sums.H += H;
   sums.g += sign * g;
   // Information of the same points, were each known in all directions; what exceeds H is along the surfaces.
@@ -183,7 +195,7 @@ void add_color(const Posed& a, const Posed& b, const std::vector<Match>& matches
   for (std::size_t k = 0; k < used.size(); ++k) {
     const Match& match = matches[used[k]];
     const double r = double(differences[k]) - exposure;
-    const double fit = tukey(double(match.residual_m), gate.at(double(match.variance_m2)));
+    const double fit = tukey(double(match.residual_m), gate.at(match));
     const double w = weight * fit * tukey(r, kTukey * spread);
     if (!(w > 0)) continue;
     const Eigen::Isometry3d& T = b.T_world_view;
@@ -191,18 +203,19 @@ void add_color(const Posed& a, const Posed& b, const std::vector<Match>& matches
     const Eigen::Vector3d d = T.linear() * b.image->brightness_gradient_per_m[match.b].cast<double>();
     Vector6d J;
     J << x.cross(d), d;
-    H.selfadjointView<Eigen::Lower>().rankUpdate(J, w);
+    H.noalias() += (w * J) * J.transpose();
     g += (w * r) * J;
   }
-  sums.H += Matrix6d(H.selfadjointView<Eigen::Lower>());
+  sums.H += H;
   sums.g += sign * g;
 }
 
-double robust_spread(const std::vector<Match>& matches) {
+double robust_spread(const std::vector<Match>& matches, const Gate& gate) {
   if (matches.empty()) return 0;
   std::vector<float> absolute;
   absolute.reserve(matches.size());
-  for (const Match& match : matches) absolute.push_back(std::abs(match.residual_m));
+  for (const Match& match : matches)
+    absolute.push_back(std::abs(match.residual_m) / float(gate.relative_distance(match)));
   return kNormalPerMedian * median_of(absolute);
 }
 

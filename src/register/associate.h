@@ -29,17 +29,27 @@ struct Match {
   std::uint32_t a = 0, b = 0;  ///< indices of surfels
   float residual_m = 0;        ///< positive: a's surface is before b's
   float variance_m2 = 0;       ///< what noise makes of it
+  float distance_m = 0;        ///< from the sensor that is farther away
   Eigen::Vector3f normal_in_b = Eigen::Vector3f::Zero();
 };
 
 /// Residuals of this many standard deviations count no more (Tukey's biweight at 95 % efficiency).
 inline constexpr double kTukey = 4.685;
 
+/// What residuals count, and how much.
 struct Gate {
-  double scale_m = 0;    ///< standard deviation of what noise does not explain
-  double capture_m = 0;  ///< and never farther than this
-  double at(double variance_m2) const;
+  double scale_m = 0;        ///< standard deviation of what noise does not explain, yet
+  double capture_m = 0;      ///< and never farther than this
+  double unexplained_m = 0;  ///< what stays unexplained, of surfaces at the distance below …
+  double distance_m = 0;     ///< … and in proportion farther away: angles are wrong, not places. 0: alike everywhere
+
+  double relative_distance(const Match& match) const;
+  double variance(const Match& match) const;  ///< with what noise does not explain
+  double at(const Match& match) const;
 };
+
+/// Stride by which about so many of an image's surfels are matched: odd, so as not to run down columns.
+std::size_t thinning(const SurfelImage& image, std::size_t surfels);
 
 /// Every stride-th usable surfel of a: first where it is projected to in b's image; where that gives nothing, the
 /// closest surfel of b, if there is a tree.
@@ -63,8 +73,8 @@ void add_geometry(const Posed& a, const Posed& b, const std::vector<Match>& matc
 void add_color(const Posed& a, const Posed& b, const std::vector<Match>& matches, const Gate& gate,
                const Eigen::Vector3d& center, double sign, PairSums& sums);
 
-/// Standard deviation, as the middle residuals have it: 1.4826 times the median absolute value of the residuals; 0 for
-/// none.
-double robust_spread(const std::vector<Match>& matches);
+/// Standard deviation at the gate's distance, as the middle residuals have it: 1.4826 times the median absolute value
+/// of the residuals, each for its relative distance; 0 for none.
+double robust_spread(const std::vector<Match>& matches, const Gate& gate);
 
 }  // namespace lapseam

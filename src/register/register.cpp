@@ -6,12 +6,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "core/parallel.h"
 #include "lapseam/error.h"
 #include "register/brightness.h"
 #include "register/network.h"
 #include "register/pairs.h"
+#include "register/range_offsets.h"
 
 namespace lapseam {
 namespace {
@@ -31,6 +33,13 @@ constexpr double kNegligible = 0.25;
 constexpr double kFinestScale = 1.0 / 16;
 // A pair begins at this many times the spread of its first matches.
 constexpr double kStart = 1.35;
+// Surfels of each view that are matched on the way, with all its partners together and at least with each; and that a
+// result is judged by. Only the last steps take all.
+constexpr std::size_t kOnTheWay = 20'000, kOnTheWayEach = 1000, kJudged = 4000;
+constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
+constexpr int kLastIterations = 4;
+// Poses and what sensors are off by take turns.
+constexpr int kCalibrations = 10;
 // Fewer matches say nothing of a pair.
 constexpr std::size_t kFewestMatches = 30;
 // Each measurement is matched from both sides.
@@ -41,14 +50,13 @@ constexpr double kChance = 2;
 constexpr int kMostJudgements = 1;
 
 struct Pair {
-  Overlap views;
-  Gate gate;
+  Overlap views{};
+  Gate gate{};
   Eigen::Vector3d center = Eigen::Vector3d::Zero();
-  PairSums sums;
-  double start_m = 0;        // scale of its residuals at first; 0: too few to tell
-  double noise_m = 0;        // what noise makes of them, median
-  double unexplained_m = 0;  // and what it does not explain
-  bool is_weak = false;      // projection finds too little: closest points help
+  PairSums sums{};
+  double start_m = 0;    // scale of its residuals at first; 0: too few to tell
+  double noise_m = 0;    // what noise makes of them, median
+  bool is_weak = false;  // projection finds too little: closest points help
   bool is_dropped = false;
 };
 
@@ -63,7 +71,13 @@ class Registrar {
  public:
   Registrar(std::span<const View> views, std::span<const NoiseModel> noise, const PictureOf& pictures,
             const RegisterOptions& options, Context& context)
-      : views_(views), noise_(noise), pictures_(pictures), options_(options), context_(context), n_(views.size()) {
+      : given_(views),
+        views_(views),
+        noise_(noise),
+        pictures_(pictures),
+        options_(options),
+        context_(context),
+        n_(views.size()) {
     if (noise.size() != n_) throw InvalidInput({}, {}, "noise", "not one model for each view");
     for (const std::uint32_t view : options.fixed)
       if (view >= n_) throw InvalidInput({}, {}, "fixed", "there is no view " + std::to_string(view));
@@ -74,6 +88,7 @@ class Registrar {
     for (std::size_t i = 0; i < n_; ++i) result_.views[i].T_world_view = views_[i].T_world_view;
     if (n_ == 0) return std::move(result_);
     make_pyramids();
+    set_capture_range();
     link();
     {
       StageScope stage(context_, "register", std::uint64_t(levels_));
@@ -81,8 +96,8 @@ class Registrar {
         refine(level, level == 0 ? kFineIterations : kCoarseIterations);
         stage.advance();
       }
-      undo_sliding();
     }
+    if (options_.calibrate) calibrate();
     StageScope stage(context_, "judge registration");
     judge();
     finish();
@@ -100,6 +115,9 @@ class Registrar {
       pyramids_[i] = make_surfels(views_[i], noise_[i], kMostSurfels, brightness);
       stage.advance();
     });
+  }
+
+  void set_capture_range() {
     std::vector<double> sizes;
     for (const SurfelPyramid& pyramid : pyramids_) {
       levels_ = std::max(levels_, int(pyramid.levels.size()));
@@ -129,7 +147,7 @@ class Registrar {
     StageScope stage(context_, "find pairs");
     for (const Overlap& overlap :
          select_pairs(find_overlaps(posed_at(levels_ - 1), capture_m_, context_), n_, kMostPartners))
-      pairs_.push_back({overlap, {capture_m_ / kTukey, capture_m_}, {}, {}, 0, 0, 0, false, false});
+      pairs_.push_back({overlap, {capture_m_ / kTukey, capture_m_}});
     for (const std::uint32_t view : options_.fixed) result_.views[view].placement = ViewPlacement::kFixed;
     fix_parts();
     start_pairs();
@@ -169,12 +187,20 @@ class Registrar {
       std::vector<Match> all = find_matches(posed[views.a], posed[views.b], wide);
       const std::vector<Match> back = find_matches(posed[views.b], posed[views.a], wide);
       all.insert(all.end(), back.begin(), back.end());
-      pairs_[k].start_m = all.size() < kFewestMatches ? scale_m_ : std::min(scale_m_, kStart * robust_spread(all));
+      pairs_[k].start_m =
+          all.size() < kFewestMatches ? scale_m_ : std::min(scale_m_, kStart * robust_spread(all, wide));
+      pairs_[k].gate.distance_m = is_central(views.a) && is_central(views.b) ? typical_distance(all) : 0;
       pairs_[k].is_weak = all.size() < kFewestMatches;
     });
     double most = 0;
     for (const Pair& pair : pairs_) most = std::max(most, pair.start_m);
     scale_m_ = std::min(scale_m_, most);
+  }
+
+  static double typical_distance(const std::vector<Match>& matches) {
+    std::vector<double> distances;
+    for (const Match& match : matches) distances.push_back(double(match.distance_m));
+    return middle(distances);
   }
 
   bool is_moving(std::size_t i) const { return result_.views[i].placement == ViewPlacement::kPlaced; }
@@ -208,35 +234,70 @@ class Registrar {
     if (scale_m_ < finest) return;
     const std::vector<std::optional<KdTree>> trees = make_trees(level);
     for (int iteration = 0; iteration < iterations; ++iteration) {
-      associate_all(level, trees);
-      const double moved = move_views(solve(false, level > 0 ? kCertainOnTheWay : kCertain).motion),
-                   noise = typical_noise();
-      ++result_.report.iterations;
-      if (moved > kArrived * std::hypot(scale_m_, noise)) continue;
-      if (scale_m_ <= finest || scale_m_ < kNegligible * noise) break;
+      const bool has_arrived =
+          step(level, trees, std::max(kOnTheWayEach, kOnTheWay * n_ / (2 * std::max<std::size_t>(1, pairs_.size()))));
+      if (!has_arrived) continue;
+      if (scale_m_ <= finest || scale_m_ < kNegligible * typical_noise()) break;
       scale_m_ = std::max(finest, kClosing * scale_m_);
+    }
+    if (level == 0) refine_with_all(trees);
+  }
+
+  // Coarse levels see motions as certain that the finest knows nothing of: what views moved along those is taken back.
+  void refine_with_all(const std::vector<std::optional<KdTree>>& trees) {
+    bool is_taken_back = false;
+    for (int iteration = 0; iteration < kLastIterations; ++iteration) {
+      if (!step(0, trees, kAll)) continue;
+      if (is_taken_back || slid_.empty()) return;
+      move_views(slid_);
+      is_taken_back = true;
     }
   }
 
-  void associate_all(int level, const std::vector<std::optional<KdTree>>& trees) {
+  // Poses are held while offsets are found, and the other way round.
+  void calibrate() {
+    StageScope stage(context_, "calibrate", kCalibrations);
+    for (int round = 0; round < kCalibrations; ++round) {
+      std::vector<OffsetPair> pairs;
+      for (const Pair& pair : pairs_)
+        if (!pair.is_dropped && pair.sums.matches > 0) pairs.push_back({pair.views.a, pair.views.b, pair.gate});
+      if (!add_range_offsets(views_, posed_at(0), pairs, kJudged, result_.corrections, context_)) break;
+      correct_views();
+      make_pyramids();
+      step(0, make_trees(0), kJudged);
+      stage.advance();
+    }
+    if (!corrected_.empty()) refine_with_all(make_trees(0));
+  }
+
+  void correct_views() {
+    if (corrected_.empty()) corrected_.assign(given_.begin(), given_.end());
+    parallel_for(context_, n_, 1, [&](std::size_t i) {
+      const auto found = result_.corrections.find(given_[i].sensor_id);
+      if (found != result_.corrections.end()) corrected_[i].range = corrected(given_[i].range, found->second);
+    });
+    views_ = corrected_;
+  }
+
+  // Whether the views have hardly moved.
+  bool step(int level, const std::vector<std::optional<KdTree>>& trees, std::size_t surfels) {
+    associate_all(level, trees, surfels);
+    std::vector<Vector6d> total(n_);
+    for (std::size_t i = 0; i < n_; ++i) total[i] = motion_since_given(i);
+    NetworkStep found = solve(false, level > 0 ? kCertainOnTheWay : kCertain, &total);
+    slid_ = std::move(found.slid);
+    const double moved = move_views(found.motion);
+    ++result_.report.iterations;
+    return moved <= kArrived * std::hypot(scale_m_, typical_noise());
+  }
+
+  void associate_all(int level, const std::vector<std::optional<KdTree>>& trees, std::size_t surfels) {
     std::vector<Posed> posed = posed_at(level);
     for (std::size_t i = 0; i < n_; ++i)
       if (trees[i]) posed[i].tree = &*trees[i];
     parallel_for(context_, pairs_.size(), 1, [&](std::size_t k) {
-      if (!pairs_[k].is_dropped) associate(pairs_[k], posed);
+      if (!pairs_[k].is_dropped) associate(pairs_[k], posed, surfels);
     });
-  }
-
-  // Coarse levels see motions as certain that the finest knows nothing of: what views moved along those is taken back.
-  void undo_sliding() {
-    const std::vector<std::optional<KdTree>> trees = make_trees(0);
-    associate_all(0, trees);
-    std::vector<Vector6d> total(n_);
-    for (std::size_t i = 0; i < n_; ++i) total[i] = motion_since_given(i);
-    const std::vector<Vector6d> back = solve(false, kCertain, &total).slid;
-    if (back.empty()) return;
-    move_views(back);
-    refine(0, kFineIterations);
   }
 
   // Rotation, and translation of the centre.
@@ -250,12 +311,13 @@ class Registrar {
 
   Eigen::Vector3d center_of(std::size_t i) const { return result_.views[i].T_world_view * pyramids_[i].center_in_view; }
 
-  void associate(Pair& pair, const std::vector<Posed>& posed) const {
+  void associate(Pair& pair, const std::vector<Posed>& posed, std::size_t surfels) const {
     Posed a = posed[pair.views.a], b = posed[pair.views.b];
     if (!pair.is_weak && is_central(pair.views.a)) a.tree = nullptr;
     if (!pair.is_weak && is_central(pair.views.b)) b.tree = nullptr;
-    pair.gate.scale_m = std::max(std::min(scale_m_, pair.start_m), pair.unexplained_m);
-    const std::vector<Match> a_in_b = find_matches(a, b, pair.gate), b_in_a = find_matches(b, a, pair.gate);
+    pair.gate.scale_m = std::min(scale_m_, pair.start_m);
+    const std::vector<Match> a_in_b = find_matches(a, b, pair.gate, thinning(*a.image, surfels)),
+                             b_in_a = find_matches(b, a, pair.gate, thinning(*b.image, surfels));
     pair.sums = {};
     pair.center = 0.5 * (center_of(pair.views.a) + center_of(pair.views.b));
     if (a_in_b.size() + b_in_a.size() < kFewestMatches) return;
@@ -270,11 +332,16 @@ class Registrar {
   void measure_spread(Pair& pair, const std::vector<Match>& a_in_b, const std::vector<Match>& b_in_a) const {
     std::vector<Match> all = a_in_b;
     all.insert(all.end(), b_in_a.begin(), b_in_a.end());
-    std::vector<double> variances;
-    for (const Match& match : all) variances.push_back(double(match.variance_m2));
-    const double spread = robust_spread(all), noise = middle(variances);
-    pair.noise_m = std::sqrt(noise);
-    pair.unexplained_m = std::min({scale_m_, pair.start_m, std::sqrt(std::max(0.0, spread * spread - noise))});
+    std::vector<double> noises, variances;
+    for (const Match& match : all) {
+      const double relative = pair.gate.relative_distance(match);
+      noises.push_back(double(match.variance_m2));
+      variances.push_back(double(match.variance_m2) / (relative * relative));
+    }
+    const double spread = robust_spread(all, pair.gate);
+    pair.noise_m = std::sqrt(middle(noises));
+    const double unexplained = std::sqrt(std::max(0.0, spread * spread - middle(variances)));
+    pair.gate.unexplained_m = std::min({scale_m_, pair.start_m, unexplained});
   }
 
   double spacing_at(int level) const {
@@ -343,12 +410,14 @@ class Registrar {
     const Gate wide{capture_m_, capture_m_};
     std::vector<double> absolute;
     Agreement out;
-    for (const bool is_turned : {false, true})
-      for (const Match& match : find_matches(is_turned ? b : a, is_turned ? a : b, wide)) {
-        const double r = std::abs(double(match.residual_m)), t = r / pair.gate.at(double(match.variance_m2));
+    for (const bool is_turned : {false, true}) {
+      const Posed &from = is_turned ? b : a, &to = is_turned ? a : b;
+      for (const Match& match : find_matches(from, to, wide, thinning(*from.image, kJudged))) {
+        const double r = std::abs(double(match.residual_m)), t = r / pair.gate.at(match);
         absolute.push_back(r);
         out.gain += std::max(0.0, 1 - t * t);
       }
+    }
     std::sort(absolute.begin(), absolute.end());
     out.residual.matches = absolute.size();
     if (absolute.empty()) return out;
@@ -375,7 +444,7 @@ class Registrar {
       for (std::size_t i = 0; i < n_; ++i)
         if (result_.views[i].placement == ViewPlacement::kUnlinked)
           result_.views[i].T_world_view = views_[i].T_world_view;
-      refine(0, kFineIterations);
+      refine_with_all(make_trees(0));
     }
   }
 
@@ -449,13 +518,13 @@ class Registrar {
       out.overlap = pairs_[k].views.share;
       out.before = before[k].residual;
       out.after = after[k].residual;
-      out.unexplained_m = pairs_[k].gate.scale_m;
+      out.unexplained_m = std::max(pairs_[k].gate.scale_m, pairs_[k].gate.unexplained_m);
       if (pairs_[k].sums.matches == 0 && !pairs_[k].is_dropped) out.problem = "too few matches";
     }
   }
 
   void finish() {
-    associate_all(0, make_trees(0));
+    associate_all(0, make_trees(0), kAll);
     std::vector<double> tensions;
     for (std::size_t k = 0; k < pairs_.size(); ++k) {
       if (pairs_[k].is_dropped || pairs_[k].sums.matches == 0) continue;
@@ -498,7 +567,9 @@ class Registrar {
     return out;
   }
 
-  const std::span<const View> views_;
+  const std::span<const View> given_;
+  std::span<const View> views_;  // as given, or without what their sensors are off by
+  std::vector<View> corrected_;
   const std::span<const NoiseModel> noise_;
   const PictureOf& pictures_;
   const RegisterOptions& options_;
@@ -509,6 +580,7 @@ class Registrar {
   int levels_ = 0;
   double capture_m_ = 0;
   double scale_m_ = 0;
+  std::vector<Vector6d> slid_;  // what takes back the motion along what the last step found undetermined
   std::vector<Pair> pairs_;
 };
 

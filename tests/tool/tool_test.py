@@ -842,6 +842,22 @@ class Register(ToolTest):
             written.append(out.read_bytes())
         self.assertEqual(len(set(written)), 1)
 
+    def test_calibration_leaves_a_camera_that_is_right(self):
+        room = self.folder / "room"
+        self.expect_ok("simulate", "room", "-o", room, "--views", 9, "--size", "160x120")
+        placed = {}
+        for name, options in (("plain", []), ("calibrated", ["--calibrate"])):
+            self.expect_ok("register", room / "scene.json", "-o", self.folder / name, *options)
+            views = json.loads((self.folder / name / "scene.json").read_text())["views"]
+            placed[name] = [view["T_world_view"] for view in views]
+        self.assertEqual(placed["plain"], placed["calibrated"])
+        self.assertFalse((self.folder / "calibrated" / "range").exists())
+        # Range images that are read are not written over.
+        images = {file.parent for file in room.rglob("*") if file.suffix in (".exr", ".png")}
+        self.assertIn(room / "range", images)
+        self.expect_failure(1, "register", room / "scene.json", "-o", room / "again.json", "--calibrate",
+                            names=["holds the range images"])
+
     def test_integrate_registers_on_the_way(self):
         room = self.folder / "room"
         self.expect_ok("simulate", "room", "-o", room, "--views", 3, "--size", "400x200", "--sensor", "laser", "--no-color")

@@ -21,7 +21,7 @@ struct RegisterArguments {
   CommonOptions common;
   std::string scene, output, report, plot, truth;
   std::vector<std::string> fixed;
-  bool no_color = false, skip_bad_views = false;
+  bool no_color = false, calibrate = false, skip_bad_views = false;
   double capture_mm = 0;
 };
 
@@ -41,6 +41,16 @@ Outputs outputs_of(const RegisterArguments& arguments) {
   if (out.report.empty()) out.report = folder / "registration.json";
   if (out.plot.empty()) out.plot = folder / "registration.svg";
   return out;
+}
+
+// For range images that are written anew: not where those that were read are.
+std::filesystem::path range_folder(const std::filesystem::path& manifest, const Scene& scene) {
+  const std::filesystem::path folder = manifest.parent_path() / "range";
+  std::error_code ignored;  // what does not exist is nobody's
+  for (const ViewSource& view : scene.views)
+    if (std::filesystem::equivalent(view.range.file.parent_path(), folder, ignored))
+      throw InvalidInput(folder, view.name, "output", "holds the range images that are read; choose another folder");
+  return folder;
 }
 
 std::vector<std::uint32_t> places_of(const std::vector<std::string>& names, const Scene& scene) {
@@ -85,6 +95,16 @@ void print_sliding(const RegisterSceneReport& report) {
   }
 }
 
+void print_corrections(const RegisterSceneReport& report) {
+  for (const auto& [id, correction] : report.corrections) {
+    const auto [low, high] = std::minmax_element(correction.offset_per_m.begin(), correction.offset_per_m.end());
+    // At a metre, an offset of inverse range is one of range, turned over.
+    fmt::print(
+        "sensor {}: ranges are off by {:+.2g} to {:+.2g} mm at 1 m, and with the square of the range; corrected\n", id,
+        -1000 * *high, -1000 * *low);
+  }
+}
+
 void print_summary(const RegisterSceneReport& report) {
   std::array<std::size_t, 4> count{};
   double most_moved_m = 0, most_turned_rad = 0;
@@ -116,12 +136,15 @@ void run(const RegisterArguments& arguments) {
   options.registration.fixed = places_of(arguments.fixed, scene);
   options.registration.use_color = !arguments.no_color;
   options.registration.capture_m = arguments.capture_mm / 1000;
+  options.registration.calibrate = arguments.calibrate;
   const Outputs outputs = outputs_of(arguments);
+  if (arguments.calibrate) options.corrected_ranges = range_folder(outputs.manifest, scene);
   const RegisterSceneResult result = register_scene(scene, options, *context);
   write_scene(result.scene, outputs.manifest);
   if (!outputs.report.empty()) write_text(outputs.report, to_json(result.report, *context) + "\n");
   if (!outputs.plot.empty()) write_text(outputs.plot, to_svg(result.report));
   print_summary(result.report);
+  print_corrections(result.report);
   print_sliding(result.report);
   if (!truth) return;
   print_errors("before", scene, *truth);
@@ -146,6 +169,9 @@ void add_register_command(CLI::App& app) {
   command->add_option("--fixed", arguments->fixed, "Names of views that stay; the first, when none is given")
       ->delimiter(',');
   command->add_flag("--no-color", arguments->no_color, "Geometry alone, where views have pictures");
+  command->add_flag("--calibrate", arguments->calibrate,
+                    "Also find what each depth camera measures too far or too near, by place in its image, and write "
+                    "range images without it");
   command
       ->add_option("--capture", arguments->capture_mm,
                    "How far apart points of one surface may be at first, millimetres; a tenth of what a view sees by "
