@@ -135,8 +135,7 @@ class Texturing {
     std::vector<std::uint32_t> view(cells.count(), kInvalidIndex);
     for (std::size_t c = 0; c < view.size(); ++c) {
       float lowest = 3e38f;
-      for (const Candidate& candidate : candidates.of_cell[c]) {
-        if (candidate.view == kInvalidIndex) break;
+      for (const Candidate& candidate : candidates.of(c)) {
         const bool is_measured =
             !mesh_.triangle_view.empty() && candidate.view == mesh_.triangle_view[cells.of(c).front()];
         if (!is_measured && candidate.cost >= lowest) continue;
