@@ -315,8 +315,9 @@ class ScatterSearch {
       const Eigen::Vector2f ab = p[1] - p[0], ac = p[2] - p[0];
       const double area_px = 0.5 * double(std::abs(ab.x() * ac.y() - ab.y() * ac.x()));
       region.area_px += area_px;
-      const double longest_px =
-          std::sqrt(double(std::max({ab.squaredNorm(), ac.squaredNorm(), (ac - ab).squaredNorm()})));
+      // In pixels of the image: a limit that makes charts smaller must not turn textures into vertex colours.
+      const float longest_2 = std::max({ab.squaredNorm(), ac.squaredNorm(), (ac - ab).squaredNorm()});
+      const double longest_px = std::sqrt(double(longest_2)) / double(chart.scale);
       region.lengths_px += longest_px;
       region.squares += longest_px * longest_px;
       for_blocks(p, [&](int u, int v) { region.blocks.push_back(std::uint32_t(v * chart.shape.width + u)); });
