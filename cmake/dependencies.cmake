@@ -4,6 +4,7 @@ find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 find_package(TBB REQUIRED)
 find_package(embree 3.13 REQUIRED)
 find_package(nanoflann REQUIRED)
+find_package(Boost 1.74 REQUIRED)
 # Debian's Imath talks at length about its Python library, which is a package of its own and not needed.
 set(CMAKE_MESSAGE_LOG_LEVEL NOTICE)
 find_package(OpenEXR 3.1 REQUIRED)

@@ -53,6 +53,7 @@ std::string to_json(const TextureReport& t) {
                      {"used_pixels", t.used_pixels},
                      {"fill_percent", 100 * t.fill()},
                      {"fringe_pixels", t.fringe_pixels},
+                     {"vertex_colored_triangles", t.vertex_colored_triangles},
                      {"unseen_triangles", t.unseen_triangles},
                      {"retaken_triangles", t.retaken_triangles},
                      {"scale", t.scale},

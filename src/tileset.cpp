@@ -11,6 +11,7 @@
 #include "lapseam/error.h"
 #include "lapseam/io.h"
 #include "lapseam/reduce.h"
+#include "lapseam/texture.h"
 #include "spatial/ray_scene.h"
 
 namespace lapseam {
@@ -27,7 +28,8 @@ struct Tile {
 };
 
 /// The triangles of a tile as a mesh of its own; `vertices` gets their vertices in the whole mesh.
-Mesh extract(const Mesh& mesh, const std::vector<std::uint32_t>& triangles, std::vector<std::uint32_t>& vertices) {
+Mesh extract(const Mesh& mesh, const std::vector<Rgb8>& colors, const std::vector<std::uint32_t>& triangles,
+             std::vector<std::uint32_t>& vertices) {
   vertices.clear();
   for (const std::uint32_t t : triangles)
     vertices.insert(vertices.end(), mesh.triangles[t].begin(), mesh.triangles[t].end());
@@ -39,7 +41,7 @@ Mesh extract(const Mesh& mesh, const std::vector<std::uint32_t>& triangles, std:
   Mesh part;
   for (const std::uint32_t vertex : vertices) {
     part.positions_m.push_back(mesh.positions_m[vertex]);
-    if (!mesh.colors.empty()) part.colors.push_back(mesh.colors[vertex]);
+    if (!colors.empty()) part.colors.push_back(colors[vertex]);
   }
   for (const std::uint32_t t : triangles) {
     const Triangle& whole = mesh.triangles[t];
@@ -51,7 +53,10 @@ Mesh extract(const Mesh& mesh, const std::vector<std::uint32_t>& triangles, std:
 class TilesetWriter {
  public:
   TilesetWriter(const Mesh& mesh, const TilesetOptions& options, Context& context)
-      : mesh_(mesh), options_(options), context_(context) {}
+      : mesh_(mesh),
+        colors_(mesh.triangle_page.empty() ? mesh.colors : vertex_colors(mesh, context)),
+        options_(options),
+        context_(context) {}
 
   TilesetReport write(const std::filesystem::path& folder) {
     split();
@@ -142,13 +147,13 @@ class TilesetWriter {
   void write_tile(std::size_t i, const std::filesystem::path& file) {
     Tile& tile = tiles_[i];
     std::vector<std::uint32_t> vertices;
-    Mesh part = extract(mesh_, tile.triangles, vertices);
+    Mesh part = extract(mesh_, colors_, tile.triangles, vertices);
     if (tile.children.empty()) {
       ++report_.leaves;
     } else {
       const Mesh full = part;
       part = reduce(full, {}, {.max_triangles = options_.max_triangles}, context_).mesh;
-      tile.error_m = largest_distance(full, part);
+      tile.error_m = fit(full, part);
       for (const std::size_t child : tile.children) tile.error_m = std::max(tile.error_m, tiles_[child].error_m);
     }
     if (i == 0) report_.root_error_m = tile.error_m;
@@ -158,13 +163,38 @@ class TilesetWriter {
     tile.triangles = {};
   }
 
-  double largest_distance(const Mesh& full, const Mesh& reduced) const {
+  /// The largest distance from the vertices to the reduced surface, whose vertices get the mean of the colours around
+  /// them: one of these alone would speckle.
+  double fit(const Mesh& full, Mesh& reduced) const {
     const RayScene surface(reduced.positions_m, reduced.triangles, context_);
     std::vector<float> distances(full.vertex_count());
+    std::vector<std::uint32_t> nearest(full.vertex_count());
     parallel_blocks(context_, distances.size(), 4096, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t k = begin; k != end; ++k) distances[k] = surface.closest(full.positions_m[k]).distance;
+      for (std::size_t k = begin; k != end; ++k) {
+        const ClosestPoint closest = surface.closest(full.positions_m[k]);
+        distances[k] = closest.distance;
+        const Triangle& t = reduced.triangles[closest.triangle];
+        const auto off = [&](std::uint32_t v) { return (reduced.positions_m[v] - closest.point).squaredNorm(); };
+        nearest[k] = *std::min_element(t.begin(), t.end(), [&](std::uint32_t a, std::uint32_t b) {
+          return off(a) != off(b) ? off(a) < off(b) : a < b;
+        });
+      }
     });
+    if (!full.colors.empty()) average_colors(full, nearest, reduced);
     return double(*std::max_element(distances.begin(), distances.end()));
+  }
+
+  static void average_colors(const Mesh& full, const std::vector<std::uint32_t>& nearest, Mesh& reduced) {
+    std::vector<Eigen::Array4d> sum(reduced.vertex_count(), Eigen::Array4d::Zero());
+    for (std::size_t k = 0; k < nearest.size(); ++k) {
+      const Rgb8 c = full.colors[k];
+      sum[nearest[k]] += Eigen::Array4d(c.r, c.g, c.b, 1);
+    }
+    for (std::size_t v = 0; v < sum.size(); ++v) {
+      if (sum[v][3] == 0) continue;  // keeps its own
+      const Eigen::Array4d mean = sum[v] / sum[v][3] + 0.5;
+      reduced.colors[v] = {std::uint8_t(mean[0]), std::uint8_t(mean[1]), std::uint8_t(mean[2])};
+    }
   }
 
   Json describe(std::size_t i) const {
@@ -181,6 +211,7 @@ class TilesetWriter {
   }
 
   const Mesh& mesh_;
+  const std::vector<Rgb8> colors_;
   const TilesetOptions& options_;
   Context& context_;
   std::vector<Tile> tiles_;
@@ -194,7 +225,6 @@ TilesetReport write_tileset(const Mesh& mesh, const std::filesystem::path& folde
   check_mesh(mesh);
   if (mesh.triangle_count() == 0) throw InvalidInput(folder, {}, "triangles", "a mesh without triangles has no tiles");
   if (options.max_triangles < 1000) throw InvalidInput(folder, {}, "max_triangles", "must be at least 1000");
-  if (!mesh.triangle_page.empty()) context.warn("tiles have the colours of vertices; the texture is left out");
   OutputFolder output(folder);
   const TilesetReport report = TilesetWriter(mesh, options, context).write(output.path());
   output.commit();

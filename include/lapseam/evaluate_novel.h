@@ -27,12 +27,15 @@ struct NovelViewFigures {
 };
 
 /// Colour differences at edges where the texture is cut: on both sides of an edge that two triangles share, sampled
-/// once a texel along it. A difference is the root mean square of the three channels', in levels of 255.
+/// once a texel along it. A difference is the root mean square of the three channels', in levels of 255. Between two
+/// places of pages; and, apart from these, where one side has the colours of its vertices.
 struct ColorStepFigures {
   std::uint64_t samples = 0;
   std::uint64_t edges = 0;
   double length_m = 0;  ///< of the edges
   double median = 0, p95 = 0;
+  std::uint64_t vertex_color_samples = 0;
+  double vertex_color_median = 0, vertex_color_p95 = 0;
 };
 
 struct NovelEvaluation {

@@ -45,6 +45,9 @@ struct Mesh {
   std::vector<std::array<Eigen::Vector2f, 3>> texcoords;
   std::vector<std::uint32_t> triangle_page;  ///< kInvalidIndex: untextured
   std::vector<ColorImage> pages;
+  /// Per triangle: 1 where no image shows it, and its colour is made up of what is around it. Untextured triangles with
+  /// 0 have colours of their vertices that images show.
+  std::vector<std::uint8_t> is_unseen;
 
   std::size_t vertex_count() const { return positions_m.size(); }
   std::size_t triangle_count() const { return triangles.size(); }

@@ -29,14 +29,15 @@ struct TextureReport {
   std::uint64_t charts = 0;
   std::uint64_t pages = 0;
   std::uint64_t page_pixels = 0;
-  std::uint64_t used_pixels = 0;        ///< whose centres lie in a triangle
-  std::uint64_t chart_pixels = 0;       ///< of the charts' blocks: used ones and the padding that filtering reads
-  std::uint64_t fringe_pixels = 0;      ///< of the used ones, those that were replaced for lying near a jump of depth
-  std::uint64_t unseen_triangles = 0;   ///< that no image shows: they have vertex colours of what is around them
-  std::uint64_t retaken_triangles = 0;  ///< that show another image than the one they were measured with
-  double scale = 1;                     ///< by which the memory limit made all images smaller
-  std::uint64_t observations = 0;       ///< that exposures were estimated from
-  double lowest_gain = 1, highest_gain = 1;                    ///< of the views, mean of the channels
+  std::uint64_t used_pixels = 0;    ///< whose centres lie in a triangle
+  std::uint64_t chart_pixels = 0;   ///< of the charts' blocks: used ones and the padding that filtering reads
+  std::uint64_t fringe_pixels = 0;  ///< of the used ones, those that were replaced for lying near a jump of depth
+  std::uint64_t vertex_colored_triangles = 0;  ///< that have the colours of their vertices instead of a place on a page
+  std::uint64_t unseen_triangles = 0;          ///< that no image shows: they have vertex colours of what is around them
+  std::uint64_t retaken_triangles = 0;         ///< that show another image than the one they were measured with
+  double scale = 1;                            ///< by which the memory limit made all images smaller
+  std::uint64_t observations = 0;              ///< that exposures were estimated from
+  double lowest_gain = 1, highest_gain = 1;    ///< of the views, mean of the channels
   double color_residual_before = 0, color_residual_after = 0;  ///< median, as a share of the colour
 
   /// Of the pages' pixels, those that triangles show.
@@ -45,8 +46,9 @@ struct TextureReport {
 
 /// Gives each triangle coordinates in one of the images that show it wholly and unoccluded, and packs what is used of
 /// all images into pages: pixels are copied, not resampled, unless a limit, or a large triangle under perspective,
-/// demands it. Triangles that no image shows have no page; then the mesh gets vertex colours, which continue those
-/// around them. `sources[i]` is view i of the mesh's provenance; views without colour are no candidates,
+/// demands it. Charts of triangles as small as pixels that would fill little of the blocks they own get vertex colours
+/// instead. Triangles that no image shows have no page either, and are marked as unseen; their vertex colours continue
+/// those around them. `sources[i]` is view i of the mesh's provenance; views without colour are no candidates,
 /// those with several images are one for each. The mesh's
 /// provenance stays as it is; without it, any view may show any triangle. Images are decoded at most twice, one per
 /// thread at a time; memory otherwise: the pages, and about 100 bytes a triangle. The same bytes for any number of
@@ -56,8 +58,11 @@ TextureReport texture(Mesh& mesh, std::span<const ViewSource> sources, const Tex
 /// As JSON text.
 std::string to_json(const TextureReport& report);
 
-/// Gives each vertex the colour that the texture has there (mean over its triangles). Vertices of untextured triangles
-/// alone take the colours of those around them, mid grey where there are none.
+/// The colour that the texture has at each vertex (mean over its triangles). Vertices of untextured triangles alone keep
+/// the mesh's colours; where it has none, they take those around them, mid grey where nothing is around.
+std::vector<Rgb8> vertex_colors(const Mesh& mesh, Context& context);
+
+/// Gives the mesh these colours.
 void color_vertices(Mesh& mesh, Context& context);
 
 }  // namespace lapseam

@@ -95,6 +95,9 @@ std::string to_text(const NovelEvaluation& evaluation) {
     table.line("step, median", fmt::format("{:.2f}", steps.median));
     table.line("step, 95 %", fmt::format("{:.2f}", steps.p95));
   }
+  if (steps.vertex_color_samples > 0)
+    table.line("to vertex colours, median and 95 %",
+               fmt::format("{:.2f}  {:.2f}", steps.vertex_color_median, steps.vertex_color_p95));
   return table.take();
 }
 
@@ -106,11 +109,15 @@ std::string to_json(const NovelEvaluation& evaluation) {
                {"highest_psnr_db", finite_or_null(evaluation.highest_psnr_db)},
                {"mean_ssim", evaluation.mean_ssim},
                {"mean_covered_percent", 100 * evaluation.mean_covered_share}};
-  json["steps"] = {{"length_m", steps.length_m},
-                   {"edges", steps.edges},
-                   {"samples", steps.samples},
-                   {"median", step(steps.median)},
-                   {"p95", step(steps.p95)}};
+  json["steps"] = {
+      {"length_m", steps.length_m},
+      {"edges", steps.edges},
+      {"samples", steps.samples},
+      {"median", step(steps.median)},
+      {"p95", step(steps.p95)},
+      {"vertex_color_samples", steps.vertex_color_samples},
+      {"vertex_color_median", steps.vertex_color_samples > 0 ? Json(steps.vertex_color_median) : Json(nullptr)},
+      {"vertex_color_p95", steps.vertex_color_samples > 0 ? Json(steps.vertex_color_p95) : Json(nullptr)}};
   json["views"] = Json::array();
   for (const NovelViewFigures& view : evaluation.views)
     json["views"].push_back({{"view", view.view},

@@ -118,7 +118,7 @@ class GlbWriter {
     if (options_.compress) packed = pack_triangles(page.indices, page.vertices.size());
     const std::size_t indices =
         describe_stream(sizeof(std::uint32_t), count, std::move(packed), kIndexData, kUint32, "SCALAR");
-    return {{"attributes", std::move(attributes)}, {"indices", indices}, {"material", describe_material(page.page)}};
+    return {{"attributes", std::move(attributes)}, {"indices", indices}, {"material", describe_material(page)}};
   }
 
   std::size_t describe_positions(const WeldedPage& page) {
@@ -235,8 +235,8 @@ class GlbWriter {
     return views.size() - 1;
   }
 
-  std::size_t describe_material(std::uint32_t page) {
-    const bool is_textured = page != kInvalidIndex;
+  std::size_t describe_material(const WeldedPage& page) {
+    const bool is_textured = page.page != kInvalidIndex;
     json surface = {{"metallicFactor", 0.0}, {"roughnessFactor", 1.0}};
     json material;
     if (is_textured) {
@@ -253,7 +253,7 @@ class GlbWriter {
     }
     material["pbrMetallicRoughness"] = std::move(surface);
     // What no image shows, and has colours made up of what is around it, can be told by this name.
-    if (!is_textured && !mesh_.pages.empty()) material["name"] = "unseen";
+    if (!is_textured && !mesh_.pages.empty()) material["name"] = page.is_unseen ? "unseen" : "vertex_colors";
     // Photographs have their light in them.
     if (!options_.is_lit && (is_textured || !mesh_.colors.empty())) {
       material["extensions"]["KHR_materials_unlit"] = json::object();

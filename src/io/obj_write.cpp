@@ -33,8 +33,9 @@ class Line {
   std::string text_;
 };
 
-std::string material_name(std::uint32_t page) {
-  if (page == kInvalidIndex) return "unseen";
+std::string material_name(const WeldedPage& welded) {
+  const std::uint32_t page = welded.page;
+  if (page == kInvalidIndex) return welded.is_unseen ? "unseen" : "vertex_colors";
   char name[24];
   std::snprintf(name, sizeof name, "page_%03u", page);
   return name;
@@ -83,8 +84,9 @@ class MaterialFiles {
 
   const std::string& name() const { return name_; }
 
-  void add(const Mesh& mesh, std::uint32_t page) {
-    const std::string material = material_name(page);
+  void add(const Mesh& mesh, const WeldedPage& welded) {
+    const std::uint32_t page = welded.page;
+    const std::string material = material_name(welded);
     // Without Kd, the untextured material says no more than that: nothing is known about its colour.
     materials_->write("\nnewmtl " + material + "\nillum 0\n");
     if (page == kInvalidIndex) return;
@@ -128,8 +130,8 @@ void write_obj(const Mesh& mesh, const std::filesystem::path& file, const WriteM
   std::size_t texcoord_count = 0;
   for (const WeldedPage& page : pages) {
     if (materials) {
-      materials->add(mesh, page.page);
-      out.write("usemtl " + material_name(page.page) + "\n");
+      materials->add(mesh, page);
+      out.write("usemtl " + material_name(page) + "\n");
     }
     write_faces(page, texcoord_count, out);
     texcoord_count += page.texcoords.size();

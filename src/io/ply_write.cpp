@@ -18,6 +18,8 @@ std::string shortest(double value) {
 std::string header_text(const Mesh& mesh, bool with_provenance) {
   std::string text = "ply\nformat binary_little_endian 1.0\ncomment written by lapseam\n";
   if (with_provenance && !mesh.triangle_tag.empty()) text += "comment tag: 0 measured, 1 seam, 2 filled\n";
+  if (with_provenance && !mesh.is_unseen.empty())
+    text += "comment unseen: 1 no image shows it, its colour is made up\n";
   if (!mesh.origin_m.isZero(0))
     text += "obj_info origin_m " + shortest(mesh.origin_m.x()) + " " + shortest(mesh.origin_m.y()) + " " +
             shortest(mesh.origin_m.z()) + "\n";
@@ -30,6 +32,7 @@ std::string header_text(const Mesh& mesh, bool with_provenance) {
   text += "property list uchar uint vertex_indices\n";
   if (with_provenance && !mesh.triangle_view.empty()) text += "property uint view\n";
   if (with_provenance && !mesh.triangle_tag.empty()) text += "property uchar tag\n";
+  if (with_provenance && !mesh.is_unseen.empty()) text += "property uchar unseen\n";
   return text + "end_header\n";
 }
 
@@ -50,6 +53,7 @@ void write_ply(const Mesh& mesh, const std::filesystem::path& file, const WriteM
     out.write(mesh.triangles[i].data(), sizeof(Triangle));
     if (with_provenance && !mesh.triangle_view.empty()) out.put(mesh.triangle_view[i]);
     if (with_provenance && !mesh.triangle_tag.empty()) out.put(mesh.triangle_tag[i]);
+    if (with_provenance && !mesh.is_unseen.empty()) out.put(mesh.is_unseen[i]);
   }
   out.commit();
 }

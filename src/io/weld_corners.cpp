@@ -3,7 +3,8 @@
 namespace lapseam {
 namespace {
 
-/// Triangles ordered by page, untextured last, and where each page begins: a stable counting sort.
+/// Triangles ordered by page, untextured last, and unseen after these, and where each page begins: a stable counting
+/// sort.
 struct PageOrder {
   std::vector<std::uint32_t> triangles;
   std::vector<std::size_t> begin;
@@ -12,11 +13,12 @@ struct PageOrder {
 PageOrder order_by_page(const Mesh& mesh) {
   const std::size_t untextured = mesh.pages.size();
   const auto slot_of = [&](std::size_t i) {
-    return mesh.triangle_page.empty() || mesh.triangle_page[i] == kInvalidIndex ? untextured
-                                                                                : std::size_t(mesh.triangle_page[i]);
+    if (!mesh.triangle_page.empty() && mesh.triangle_page[i] != kInvalidIndex)
+      return std::size_t(mesh.triangle_page[i]);
+    return untextured + (mesh.is_unseen.empty() || mesh.is_unseen[i] ? 1u : 0u);
   };
   PageOrder order;
-  order.begin.assign(untextured + 2, 0);
+  order.begin.assign(untextured + 3, 0);
   for (std::size_t i = 0; i < mesh.triangle_count(); ++i) ++order.begin[slot_of(i) + 1];
   for (std::size_t s = 1; s < order.begin.size(); ++s) order.begin[s] += order.begin[s - 1];
   order.triangles.resize(mesh.triangle_count());
@@ -70,6 +72,7 @@ std::vector<WeldedPage> weld_corners(const Mesh& mesh) {
     const bool is_textured = slot < mesh.pages.size();
     WeldedPage page;
     if (is_textured) page.page = std::uint32_t(slot);
+    page.is_unseen = slot > mesh.pages.size();
     page.indices.reserve(3 * (order.begin[slot + 1] - order.begin[slot]));
     for (std::size_t i = order.begin[slot]; i < order.begin[slot + 1]; ++i)
       welder.add_triangle(order.triangles[i], is_textured, page);

@@ -34,6 +34,7 @@ void check_mesh(const Mesh& mesh) {
   check_length(mesh.triangle_tag, triangles, "triangle_tag");
   check_length(mesh.texcoords, triangles, "texcoords");
   check_length(mesh.triangle_page, triangles, "triangle_page");
+  check_length(mesh.is_unseen, triangles, "is_unseen");
   for (std::size_t i = 0; i < vertices; ++i)
     if (!mesh.positions_m[i].allFinite())
       throw InvalidInput({}, {}, "positions_m", "vertex " + std::to_string(i) + " is not finite");
@@ -49,6 +50,7 @@ void drop_texture(Mesh& mesh) {
   mesh.texcoords = {};
   mesh.triangle_page = {};
   mesh.pages = {};
+  mesh.is_unseen = {};
 }
 
 Mesh compact(const Mesh& mesh, const std::vector<std::uint8_t>& keep) {
@@ -58,6 +60,7 @@ Mesh compact(const Mesh& mesh, const std::vector<std::uint8_t>& keep) {
   keep_marked(out.triangle_tag, keep);
   keep_marked(out.texcoords, keep);
   keep_marked(out.triangle_page, keep);
+  keep_marked(out.is_unseen, keep);
 
   std::vector<std::uint8_t> is_used(mesh.vertex_count(), 0);
   for (const Triangle& t : out.triangles)

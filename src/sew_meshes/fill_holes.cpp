@@ -109,6 +109,7 @@ FillHolesReport fill_holes(Mesh& mesh, const FillHolesOptions& options, Context&
   const bool has_texture = !mesh.texcoords.empty();
   if (has_texture) mesh.texcoords.resize(mesh.triangle_count());
   if (!mesh.triangle_page.empty()) mesh.triangle_page.resize(mesh.triangle_count(), kInvalidIndex);
+  if (!mesh.is_unseen.empty()) mesh.is_unseen.resize(mesh.triangle_count(), 1);
   if (std::find(keep.begin(), keep.end(), 0) != keep.end()) {
     // Only triangles that were tried go; vertices stay as they are, used or not.
     std::size_t out = given;
@@ -124,6 +125,7 @@ FillHolesReport fill_holes(Mesh& mesh, const FillHolesOptions& options, Context&
     if (!mesh.triangle_view.empty()) mesh.triangle_view.resize(out);
     if (has_texture) mesh.texcoords.resize(out);
     if (!mesh.triangle_page.empty()) mesh.triangle_page.resize(out);
+    if (!mesh.is_unseen.empty()) mesh.is_unseen.resize(out);
   }
   if (report.holes_filled < report.holes_in_size)
     context.warn("fill holes: " + std::to_string(report.holes_in_size - report.holes_filled) +

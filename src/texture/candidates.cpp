@@ -14,7 +14,7 @@ constexpr float kLeastCosine = 0.1f;
 // Colour from beside a jump may be that of the other side: worth e times coarser pixels, several times over.
 constexpr float kFringeCost = 1.5f;
 // The image that a triangle was measured with fits it best; another one has to be clearly better.
-constexpr float kMeasuredBonus = 0.25f;
+constexpr float kMeasuredBonus = 0.1f;
 constexpr float kLargestCost = 12;
 constexpr std::size_t kBlock = 64;
 // Share of a cell's area that an image has to show.
@@ -34,16 +34,6 @@ bool for_points(const std::array<Eigen::Vector3f, 3>& corners_m, float longest_p
       if (!visit(Eigen::Vector3f(middle + kPulledIn * (point - middle)))) return false;
     }
   return true;
-}
-
-void keep_best(CandidateList& list, std::size_t& count, const Candidate& candidate) {
-  const auto is_before = [](const Candidate& a, const Candidate& b) {
-    return a.cost != b.cost ? a.cost < b.cost : a.view < b.view;
-  };
-  if (count == list.size() && !is_before(candidate, list[count - 1])) return;
-  std::size_t place = count < list.size() ? count++ : count - 1;
-  for (; place > 0 && is_before(candidate, list[place - 1]); --place) list[place] = list[place - 1];
-  list[place] = candidate;
 }
 
 }  // namespace
@@ -143,40 +133,54 @@ class CellJudge {
 Candidates find_candidates(const Mesh& mesh, const Cells& cells, const ColorCameras& cameras,
                            std::span<const DepthImage> depths, std::span<const float> blur, Context& context) {
   Candidates out;
-  out.of_cell.resize(cells.count());
   out.density_px.assign(cells.count(), 0);
   out.area_px.assign(cells.count(), 0);
+  std::vector<std::vector<Candidate>> of_cell(cells.count());
   parallel_for(context, cells.count(), kBlock, [&](std::size_t c) {
     const CellJudge cell(mesh, cells.of(c));
-    CandidateList& list = out.of_cell[c];
-    std::size_t count = 0;
+    std::vector<Candidate> list;
     for (std::uint32_t v = 0; v < cameras.size(); ++v) {
       float density_px = 0, cost = 0;
       if (!cameras[v] || !cameras[v]->may_see(cell.box().center(), 0.5f * cell.box().diagonal().norm())) continue;
       if (!cell.judge(v, *cameras[v], depths[v], density_px, cost)) continue;
-      keep_best(list, count, {v, blur[v] + cost, {}});
+      list.push_back({v, blur[v] + cost, {}});
       out.density_px[c] = std::max(out.density_px[c], density_px);
     }
     out.area_px[c] = cell.area_m2() * out.density_px[c] * out.density_px[c];
-    for (std::size_t k = count; k-- > 0;) list[k].cost = std::min(list[k].cost - list[0].cost, kLargestCost);
-    std::sort(list.begin(), list.begin() + std::ptrdiff_t(count),
-              [](const Candidate& a, const Candidate& b) { return a.view < b.view; });
+    std::sort(list.begin(), list.end(), [](const Candidate& a, const Candidate& b) {
+      return a.cost != b.cost ? a.cost < b.cost : a.view < b.view;
+    });
+    if (list.size() > kMostCandidates) list.resize(kMostCandidates);
+    for (std::size_t k = list.size(); k-- > 0;) list[k].cost = std::min(list[k].cost - list[0].cost, kLargestCost);
+    std::sort(list.begin(), list.end(), [](const Candidate& a, const Candidate& b) { return a.view < b.view; });
+    list.shrink_to_fit();
+    of_cell[c] = std::move(list);
   });
+  out.begin.push_back(0);
+  for (std::vector<Candidate>& list : of_cell) {
+    out.all.insert(out.all.end(), list.begin(), list.end());
+    out.begin.push_back(out.all.size());
+    list = {};
+  }
   return out;
 }
 
 void sample_colors(const Mesh& mesh, const Cells& cells, std::span<const ViewSource> sources,
                    const ColorCameras& cameras, std::span<const ColorResponse> responses, Candidates& candidates,
                    Context& context) {
-  std::vector<std::vector<std::uint32_t>> cells_of_view(sources.size());
-  for (std::uint32_t i = 0; i < candidates.of_cell.size(); ++i)
-    for (const Candidate& candidate : candidates.of_cell[i])
-      if (candidate.view != kInvalidIndex) cells_of_view[candidate.view].push_back(i);
+  struct Place {
+    std::uint32_t cell;
+    std::uint64_t candidate;
+  };
+  std::vector<std::vector<Place>> places_of_view(sources.size());
+  for (std::uint32_t i = 0; i < cells.count(); ++i)
+    for (std::uint64_t k = candidates.begin[i]; k < candidates.begin[i + 1]; ++k)
+      places_of_view[candidates.all[k].view].push_back({i, k});
   parallel_for(context, sources.size(), 1, [&](std::size_t view) {
-    if (cells_of_view[view].empty()) return;
+    if (places_of_view[view].empty()) return;
     const ColorImage image = load_color(sources[view]);
-    for (const std::uint32_t i : cells_of_view[view]) {
-      const Triangle& t = mesh.triangles[cells.of(i).front()];
+    for (const auto& [cell, candidate] : places_of_view[view]) {
+      const Triangle& t = mesh.triangles[cells.of(cell).front()];
       Eigen::Vector2f pixel;
       if (!cameras[view]->project((mesh.positions_m[t[0]] + mesh.positions_m[t[1]] + mesh.positions_m[t[2]]) / 3,
                                   pixel))
@@ -186,9 +190,7 @@ void sample_colors(const Mesh& mesh, const Cells& cells, std::span<const ViewSou
       const Eigen::Vector3f color = Eigen::Vector3f(float(c.r), float(c.g), float(c.b))
                                         .cwiseProduct(responses[view].factor(cameras[view]->squared_radius(pixel)))
                                         .cwiseMin(255.0f);
-      for (Candidate& candidate : candidates.of_cell[i])
-        if (candidate.view == view)
-          candidate.color = {std::uint8_t(color.x()), std::uint8_t(color.y()), std::uint8_t(color.z())};
+      candidates.all[candidate].color = {std::uint8_t(color.x()), std::uint8_t(color.y()), std::uint8_t(color.z())};
     }
   });
 }

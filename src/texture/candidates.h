@@ -2,7 +2,6 @@
 
 // Which images show a cell of triangles, and how well.
 
-#include <array>
 #include <span>
 #include <vector>
 
@@ -16,7 +15,8 @@ namespace lapseam {
 
 class Context;
 
-inline constexpr std::size_t kMostCandidates = 20;
+/// Of one cell: with fewer, neighbouring cells would lack a common image.
+inline constexpr std::size_t kMostCandidates = 64;
 
 struct Candidate {
   std::uint32_t view = kInvalidIndex;
@@ -24,13 +24,15 @@ struct Candidate {
   Rgb8 color{};    ///< of the middle of the cell's first triangle in it, equalized
 };
 
-/// Of one cell: by view; the rest is invalid.
-using CandidateList = std::array<Candidate, kMostCandidates>;
-
 struct Candidates {
-  std::vector<CandidateList> of_cell;
-  std::vector<float> density_px;  ///< of each cell in its best image, pixels per metre; 0: no image shows it
-  std::vector<float> area_px;     ///< there
+  std::vector<Candidate> all;        ///< cell after cell, by view
+  std::vector<std::uint64_t> begin;  ///< of each cell in it, and the end of the last
+  std::vector<float> density_px;     ///< of each cell in its best image, pixels per metre; 0: no image shows it
+  std::vector<float> area_px;        ///< there
+
+  std::span<const Candidate> of(std::size_t cell) const {
+    return {all.data() + begin[cell], all.data() + begin[cell + 1]};
+  }
 };
 
 /// An image is a candidate when all of the cell lies in it, faces it, and nothing is before it, but for a few

@@ -17,6 +17,11 @@ constexpr float kReach_px = float(kHalfBlock_px) + 0.02f;
 constexpr float kAffine_px = 0.25f;
 // Blocks left of and above an image that its triangles' surroundings may reach into.
 constexpr int kMargin = 2;
+// Regions that show less than this share of the blocks that are owned for them can go to vertex colours ...
+constexpr double kLeastShown = 0.25;
+// ... where the longest sides of their triangles are no longer than this, as a mean over the length of all: what
+// colours of vertices show there is as fine as pixels, nearly.
+constexpr double kLongestSide_px = 3;
 
 using Corners = std::array<Eigen::Vector2f, 3>;
 
@@ -67,9 +72,10 @@ bool project_triangle(const std::array<Eigen::Vector3f, 3>& corners_m, const Col
 /// The triangles of one view at one scale, and the grid of their blocks.
 class Sheet {
  public:
-  Sheet(std::uint32_t view, float scale, const ColorCamera& camera, int page_blocks)
+  Sheet(std::uint32_t view, float scale, bool is_scattered, const ColorCamera& camera, int page_blocks)
       : view_(view),
         scale_(scale),
+        is_scattered_(is_scattered),
         page_blocks_(page_blocks),
         columns_((camera.wraps() ? 2 : 1) * blocks(camera.width()) + 2 * kMargin),
         rows_(blocks(camera.height()) + 2 * kMargin) {}
@@ -272,6 +278,7 @@ class Sheet {
     Chart chart;
     chart.view = view_;
     chart.scale = scale_;
+    chart.is_scattered = is_scattered_;
     const int u0 = box[0] - kMargin, v0 = box[1] - kMargin;
     chart.corner_px = {u0 * kBlock_px, v0 * kBlock_px};
     chart.shape.width = box[2] - box[0] + 1;
@@ -287,15 +294,90 @@ class Sheet {
 
   std::uint32_t view_;
   float scale_;
+  bool is_scattered_;
   int page_blocks_;
   int columns_, rows_;
   std::vector<std::uint32_t> triangles_;
 };
 
+/// Regions of one chart, and how many of them read each block.
+class ScatterSearch {
+ public:
+  ScatterSearch(const Charts& charts, const Chart& chart, const std::vector<std::uint32_t>& root)
+      : readers_(chart.shape.used.size(), 0) {
+    std::map<std::uint32_t, std::size_t> number;
+    for (const std::uint32_t i : chart.triangles) {
+      const auto [found, is_new] = number.try_emplace(root[i], regions_.size());
+      if (is_new) regions_.emplace_back();
+      Region& region = regions_[found->second];
+      region.triangles.push_back(i);
+      const Corners& p = charts.pixels[i];
+      const Eigen::Vector2f ab = p[1] - p[0], ac = p[2] - p[0];
+      const double area_px = 0.5 * double(std::abs(ab.x() * ac.y() - ab.y() * ac.x()));
+      region.area_px += area_px;
+      // In pixels of the image: a limit that makes charts smaller must not turn textures into vertex colours.
+      const float longest_2 = std::max({ab.squaredNorm(), ac.squaredNorm(), (ac - ab).squaredNorm()});
+      const double longest_px = std::sqrt(double(longest_2)) / double(chart.scale);
+      region.lengths_px += longest_px;
+      region.squares += longest_px * longest_px;
+      for_blocks(p, [&](int u, int v) { region.blocks.push_back(std::uint32_t(v * chart.shape.width + u)); });
+    }
+    for (Region& region : regions_) {
+      std::sort(region.blocks.begin(), region.blocks.end());
+      region.blocks.erase(std::unique(region.blocks.begin(), region.blocks.end()), region.blocks.end());
+      for (const std::uint32_t block : region.blocks) ++readers_[block];
+    }
+    std::stable_sort(regions_.begin(), regions_.end(),
+                     [](const Region& a, const Region& b) { return a.area_px < b.area_px; });
+  }
+
+  /// Smallest first; in the end all that is left together: regions may have kept each other for the blocks they share.
+  void mark(std::vector<std::uint8_t>& is_scattered) {
+    double left_px = 0;
+    bool are_small = true;
+    for (Region& region : regions_) {
+      const auto alone = std::count_if(region.blocks.begin(), region.blocks.end(),
+                                       [&](std::uint32_t block) { return readers_[block] == 1; });
+      region.is_marked = region.is_small() && region.area_px < least_px(double(alone));
+      if (!region.is_marked) {
+        left_px += region.area_px;
+        are_small = are_small && region.is_small();
+        continue;
+      }
+      for (const std::uint32_t block : region.blocks) --readers_[block];
+    }
+    const auto left_blocks = double(readers_.size() - std::size_t(std::count(readers_.begin(), readers_.end(), 0u)));
+    const bool is_all = are_small && left_px < least_px(left_blocks);
+    for (const Region& region : regions_)
+      if (region.is_marked || is_all)
+        for (const std::uint32_t i : region.triangles) is_scattered[i] = 1;
+  }
+
+ private:
+  struct Region {
+    std::vector<std::uint32_t> triangles, blocks;
+    double area_px = 0, lengths_px = 0, squares = 0;
+    bool is_marked = false;
+
+    bool is_small() const { return squares <= kLongestSide_px * lengths_px; }
+  };
+  static double least_px(double blocks) { return kLeastShown * blocks * kBlock_px * kBlock_px; }
+
+  std::vector<Region> regions_;
+  std::vector<std::uint32_t> readers_;
+};
+
 }  // namespace
 
+std::vector<std::uint8_t> find_scattered(const Charts& charts, const std::vector<std::uint32_t>& root) {
+  std::vector<std::uint8_t> is_scattered(charts.chart_of_triangle.size(), 0);
+  for (const Chart& chart : charts.charts) ScatterSearch(charts, chart, root).mark(is_scattered);
+  return is_scattered;
+}
+
 Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, std::span<const std::uint32_t> view_of_triangle,
-                   std::span<const float> scale_of_triangle, int page_blocks, Context& context) {
+                   std::span<const float> scale_of_triangle, std::span<const std::uint8_t> is_scattered,
+                   int page_blocks, Context& context) {
   Charts out;
   out.pixels.resize(mesh.triangle_count());
   out.chart_of_triangle.assign(mesh.triangle_count(), kInvalidIndex);
@@ -311,11 +393,14 @@ Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, std::span<cons
     out.is_resampled[i] = !is_affine;
     for (Eigen::Vector2f& q : p) q = ((q.array() + 0.5f) * scale_of_triangle[i] - 0.5f).matrix();
   });
-  std::map<std::pair<std::uint32_t, float>, Sheet> sheets;
+  std::map<std::tuple<std::uint32_t, float, bool>, Sheet> sheets;
   for (std::uint32_t i = 0; i < mesh.triangle_count(); ++i)
     if (is_seen[i]) {
-      const std::pair key(view_of_triangle[i], scale_of_triangle[i]);
-      sheets.try_emplace(key, key.first, key.second, *cameras[key.first], page_blocks).first->second.add(i);
+      const std::uint32_t view = view_of_triangle[i];
+      const float scale = scale_of_triangle[i];
+      const bool is_apart = !is_scattered.empty() && is_scattered[i];
+      sheets.try_emplace({view, scale, is_apart}, view, scale, is_apart, *cameras[view], page_blocks)
+          .first->second.add(i);
     }
   std::vector<const Sheet*> order;
   for (const auto& [key, sheet] : sheets) order.push_back(&sheet);

@@ -25,6 +25,7 @@ struct Chart {
   Eigen::Vector2i corner_px{0, 0};         ///< where its first pixel lies in the scaled image
   BlockShape shape;                        ///< blocks that it owns
   BlockPlace place;                        ///< page, and blocks there
+  bool is_scattered = false;               ///< see find_scattered
   std::vector<std::uint32_t> triangles{};  ///< in increasing order
 
   int x0() const { return place.x * kBlock_px; }
@@ -51,8 +52,14 @@ struct Charts {
 /// view_of_triangle: kInvalidIndex for none. scale_of_triangle: over 0 to 1, the same for all of a region. Triangles of
 /// one view and scale whose blocks meet share a chart; what is larger than a page is cut. Every block that a texture
 /// lookup at a point of a triangle reads at mip levels 0 to 3 (bilinear in each) is owned. Numbered by first triangle.
+/// Triangles that are scattered (empty: none) share charts with each other alone.
 Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, std::span<const std::uint32_t> view_of_triangle,
-                   std::span<const float> scale_of_triangle, int page_blocks, Context& context);
+                   std::span<const float> scale_of_triangle, std::span<const std::uint8_t> is_scattered,
+                   int page_blocks, Context& context);
+
+/// Of each triangle, whether its region (root: of each triangle) would fill little of the blocks that are owned for it
+/// alone, while its triangles are so small that colours of its vertices show as much.
+std::vector<std::uint8_t> find_scattered(const Charts& charts, const std::vector<std::uint32_t>& root);
 
 /// Visits the pixels of a chart whose centres lie in a triangle, widened by `margin_px`: visit(x, y, b1, b2) with the
 /// weights of the second and third corner.

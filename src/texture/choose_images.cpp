@@ -1,7 +1,6 @@
 // Based on: V. Lempitsky, D. Ivanov, Seamless Mosaicing of Image-Based Texture Maps, 2007, for the energy; M. Waechter,
-// N. Moehrle, M. Goesele, Let There Be Color!, 2014, for the smoothness term; D. Thuerck, M. Waechter, S. Widmer et
-// al., A Fast, Massively Parallel Solver for Large, Irregular Pairwise Markov Random Fields, 2016, for minimising it
-// over trees.
+// N. Moehrle, M. Goesele, Let There Be Color!, 2014, for the smoothness term; Y. Boykov, O. Veksler, R. Zabih, Fast
+// Approximate Energy Minimization via Graph Cuts, 2001, for minimising it.
 
 #include "texture/choose_images.h"
 
@@ -11,38 +10,43 @@
 
 #include "core/disjoint_sets.h"
 #include "lapseam/context.h"
+#include "texture/min_cut.h"
 
 namespace lapseam {
 namespace {
 
 // A pixel of border between images that agree costs as much as this many pixels shown e times coarser than need be: an
-// image takes over where it is better by δ (natural logarithm) in a region of a radius over 2 · 4 / δ pixels.
-constexpr float kBorderCost = 4;
+// image takes over where it is better by δ (natural logarithm) in a region of a radius over 2 · 8 / δ pixels.
+constexpr float kBorderCost = 8;
 // A difference of this many levels between the two images makes a border cost twice as much.
 constexpr float kDifference = 4;
 // Where nothing is known of the difference.
 constexpr float kUnknownDifference = 12;
 // What a region costs by being one more: about the padding that a chart needs.
 constexpr float kRegionCost = 1500;
-constexpr int kSweeps = 5, kMergingRounds = 3;
+constexpr int kCycles = 2, kMergingRounds = 3;
 constexpr std::uint8_t kNoSlot = 255;
 
 class Labelling {
  public:
   Labelling(const Mesh& mesh, const Cells& cells, const Candidates& candidates, const std::vector<SharedEdge>& edges,
             Context& context)
-      : candidates_(candidates), context_(context), slot_(cells.count(), kNoSlot), weight_(candidates.area_px) {
+      : candidates_(candidates),
+        context_(context),
+        slot_(cells.count(), kNoSlot),
+        weight_(candidates.area_px),
+        node_(cells.count(), kInvalidIndex) {
     for (std::size_t i = 0; i < slot_.size(); ++i) start_with_best(i);
     join_cells(mesh, cells, edges);
   }
 
   std::vector<std::uint32_t> run() {
-    std::vector<std::uint32_t> left_over;
-    for (int sweep = 0; sweep < kSweeps; ++sweep) {
-      context_.throw_if_cancelled();
-      left_over = grow_forest(left_over, sweep % 2 != 0);
-      minimise_forest();
-    }
+    list_cells();
+    for (int cycle = 0; cycle < kCycles; ++cycle)
+      for (const auto& [view, cells] : cells_of_view_) {
+        context_.throw_if_cancelled();
+        expand(view, cells);
+      }
     for (int round = 0; round < kMergingRounds; ++round) {
       context_.throw_if_cancelled();
       if (merge_regions() == 0) break;
@@ -57,9 +61,9 @@ class Labelling {
   };
 
   void start_with_best(std::size_t i) {
-    const CandidateList& list = candidates_.of_cell[i];
+    const std::span<const Candidate> list = candidates_.of(i);
     float lowest = 3e38f;
-    for (std::uint8_t k = 0; k < list.size() && list[k].view != kInvalidIndex; ++k)
+    for (std::uint8_t k = 0; k < list.size(); ++k)
       if (list[k].cost < lowest) lowest = list[k].cost, slot_[i] = k;
   }
 
@@ -103,102 +107,72 @@ class Labelling {
   std::uint32_t other_side(std::uint32_t cell, std::uint32_t e) const {
     return borders_[e].a == cell ? borders_[e].b : borders_[e].a;
   }
-  std::uint32_t view_of(std::uint32_t i, std::uint8_t slot) const { return candidates_.of_cell[i][slot].view; }
+  std::uint32_t view_of(std::uint32_t i, std::uint8_t slot) const { return candidates_.of(i)[slot].view; }
 
-  /// Cells such that each touches at most the one that it grew from, of those that were there before: the graph of
-  /// those chosen has no cycle, and its minimum is found exactly. Returns those left over, to come first next time.
-  std::vector<std::uint32_t> grow_forest(const std::vector<std::uint32_t>& first, bool from_the_end) {
-    const auto n = std::uint32_t(slot_.size());
-    forest_.clear();
-    parent_.assign(n, kNoEdge);
-    std::vector<std::uint8_t> state(n, 0);  // 1: chosen, 2: left over
-    std::vector<std::uint32_t> left_over;
-    const auto try_choose = [&](std::uint32_t i) {
-      if (state[i] != 0 || slot_[i] == kNoSlot) return;
-      std::uint32_t parent = kNoEdge;
-      int chosen_neighbours = 0;
-      for (const std::uint32_t e : sides(i))
-        if (state[other_side(i, e)] == 1) parent = e, ++chosen_neighbours;
-      state[i] = chosen_neighbours <= 1 ? 1 : 2;
-      if (state[i] == 2) return left_over.push_back(i);
-      parent_[i] = parent;
-      forest_.push_back(i);
-    };
-    for (const std::uint32_t i : first) try_choose(i);
-    std::size_t next = 0;
-    for (std::uint32_t k = 0; k < n; ++k) {
-      try_choose(from_the_end ? n - 1 - k : k);
-      for (; next < forest_.size(); ++next) {
-        const std::uint32_t grown = forest_[next];
-        for (const std::uint32_t e : sides(grown)) try_choose(other_side(grown, e));
-      }
-    }
-    return left_over;
+  void list_cells() {
+    for (std::uint32_t i = 0; i < slot_.size(); ++i)
+      for (const Candidate& candidate : candidates_.of(i)) cells_of_view_[candidate.view].push_back(i);
   }
 
-  /// Dynamic programming from the leaves to the roots and back.
-  void minimise_forest() {
-    std::vector<std::array<float, kMostCandidates>>& cost = cost_;
-    cost.resize(slot_.size());
-    for (const std::uint32_t i : forest_) set_own_cost(i, cost[i]);
-    for (auto i = forest_.rbegin(); i != forest_.rend(); ++i) {
-      if (parent_[*i] == kNoEdge) continue;
-      const std::uint32_t parent = other_side(*i, parent_[*i]);
-      for (std::uint8_t k = 0; k < kMostCandidates && view_of(parent, k) != kInvalidIndex; ++k) {
-        cost[parent][k] += cheapest(*i, cost[*i], parent, k);
-      }
-    }
-    for (const std::uint32_t i : forest_) {
-      std::uint8_t best = 0;
-      const bool has_parent = parent_[i] != kNoEdge;
-      const std::uint32_t above = has_parent ? other_side(i, parent_[i]) : 0;
-      float lowest = 3e38f;
-      for (std::uint8_t k = 0; k < kMostCandidates && view_of(i, k) != kInvalidIndex; ++k) {
-        const float total = cost[i][k] + (has_parent ? pair_cost(parent_[i], i, k, above, slot_[above]) : 0);
-        if (total < lowest) lowest = total, best = k;
-      }
-      slot_[i] = best;
-    }
+  std::uint8_t slot_of(std::uint32_t i, std::uint32_t view) const {
+    const std::span<const Candidate> list = candidates_.of(i);
+    const auto found = std::lower_bound(list.begin(), list.end(), view,
+                                        [](const Candidate& candidate, std::uint32_t v) { return candidate.view < v; });
+    return found != list.end() && found->view == view ? std::uint8_t(found - list.begin()) : kNoSlot;
   }
 
-  /// Of a cell and all that grows from it, when its parent shows its candidate k.
-  float cheapest(std::uint32_t i, const std::array<float, kMostCandidates>& cost, std::uint32_t parent,
-                 std::uint8_t k) const {
-    const std::uint32_t view = view_of(parent, k);
-    // Every border costs at least this much: what is dearer than the best so far need not be looked at more closely.
-    const float least = borders_[parent_[i]].cost;
-    float lowest = 3e38f;
-    for (std::uint8_t j = 0; j < kMostCandidates && view_of(i, j) != kInvalidIndex; ++j)
-      if (view_of(i, j) == view) lowest = cost[j];
-    for (std::uint8_t j = 0; j < kMostCandidates && view_of(i, j) != kInvalidIndex; ++j)
-      if (cost[j] + least < lowest) lowest = std::min(lowest, cost[j] + pair_cost(parent_[i], i, j, parent, k));
-    return lowest;
-  }
-
-  /// What the cell costs by itself and beside neighbours that stay as they are.
-  void set_own_cost(std::uint32_t i, std::array<float, kMostCandidates>& cost) const {
-    cost.fill(3e38f);
-    for (std::uint8_t k = 0; k < kMostCandidates && view_of(i, k) != kInvalidIndex; ++k) {
-      cost[k] = weight_[i] * candidates_.of_cell[i][k].cost;
+  /// Lets one view take over any of the cells that it is a candidate of, at once, such that the sum falls the most.
+  void expand(std::uint32_t view, const std::vector<std::uint32_t>& cells) {
+    std::vector<std::uint32_t> active;
+    std::vector<std::uint8_t> new_slot;
+    for (const std::uint32_t i : cells) {
+      if (view_of(i, slot_[i]) == view) continue;
+      node_[i] = std::uint32_t(active.size());
+      active.push_back(i);
+      new_slot.push_back(slot_of(i, view));
+    }
+    MinCut cut(active.size());
+    for (std::uint32_t k = 0; k < active.size(); ++k) {
+      const std::uint32_t i = active[k];
+      const std::span<const Candidate> list = candidates_.of(i);
+      cut.add_cost(k, double(weight_[i] * (list[new_slot[k]].cost - list[slot_[i]].cost)));
       for (const std::uint32_t e : sides(i)) {
-        if (e == parent_[i]) continue;
-        const std::uint32_t other = other_side(i, e);
-        if (slot_[other] == kNoSlot || parent_[other] == e) continue;
-        cost[k] += pair_cost(e, i, k, other, slot_[other]);
+        const std::uint32_t other = other_side(i, e), m = node_[other];
+        if (m == kInvalidIndex)
+          cut.add_cost(k, double(pair_cost(e, i, new_slot[k], other, slot_[other]) -
+                                 pair_cost(e, i, slot_[i], other, slot_[other])));
+        else if (i < other)
+          add_link(cut, e, k, m, i, new_slot[k], other, new_slot[m]);
       }
     }
+    const std::vector<std::uint8_t> is_taken = cut.solve();
+    for (std::uint32_t k = 0; k < active.size(); ++k) {
+      if (is_taken[k]) slot_[active[k]] = new_slot[k];
+      node_[active[k]] = kInvalidIndex;
+    }
+  }
+
+  /// The border between two cells that the view may take over, each by itself or both.
+  void add_link(MinCut& cut, std::uint32_t e, std::uint32_t k, std::uint32_t m, std::uint32_t i, std::uint8_t new_slot,
+                std::uint32_t other, std::uint8_t new_other) const {
+    const auto neither = double(pair_cost(e, i, slot_[i], other, slot_[other]));
+    const auto first = double(pair_cost(e, i, new_slot, other, slot_[other]));
+    // Where it costs less to pass over two borders than over one, the cut cannot say so: then it overrates the one, and
+    // finds less of a gain than there is, never a loss.
+    const double second = std::max(double(pair_cost(e, i, slot_[i], other, new_other)), neither - first);
+    cut.add_cost(k, first - neither);
+    cut.add_cost(m, -first);
+    cut.add_link(k, m, first + second - neither, 0);
   }
 
   /// How differently two images show a cell; negative when it is not known.
   float difference(std::uint32_t i, std::uint8_t slot, std::uint32_t other_view) const {
-    const Rgb8 own = candidates_.of_cell[i][slot].color;
-    for (const Candidate& candidate : candidates_.of_cell[i]) {
-      if (candidate.view != other_view) continue;
-      const auto square = [](int x, int y) { return float((x - y) * (x - y)); };
-      return std::sqrt(
-          (square(own.r, candidate.color.r) + square(own.g, candidate.color.g) + square(own.b, candidate.color.b)) / 3);
-    }
-    return -1;
+    const Rgb8 own = candidates_.of(i)[slot].color;
+    const std::uint8_t other_slot = slot_of(i, other_view);
+    if (other_slot == kNoSlot) return -1;
+    const Rgb8 other = candidates_.of(i)[other_slot].color;
+    const auto square = [](int x, int y) { return float((x - y) * (x - y)); };
+    return std::sqrt((square(own.r, other.r) + square(own.g, other.g) + square(own.b, other.b)) / 3);
   }
 
   /// Of a border between cells that show these candidates.
@@ -264,9 +238,7 @@ class Labelling {
       if (gain > best) best = gain, best_view = view;
     }
     if (best_view == kInvalidIndex) return false;
-    for (const std::uint32_t i : region)
-      for (std::uint8_t k = 0; k < kMostCandidates; ++k)
-        if (view_of(i, k) == best_view) slot_[i] = k;
+    for (const std::uint32_t i : region) slot_[i] = slot_of(i, best_view);
     return true;
   }
 
@@ -274,11 +246,10 @@ class Labelling {
   float extra_cost(const std::vector<std::uint32_t>& region, std::uint32_t view, float limit) const {
     float sum = 0;
     for (const std::uint32_t i : region) {
-      const CandidateList& list = candidates_.of_cell[i];
-      const auto found =
-          std::find_if(list.begin(), list.end(), [&](const Candidate& candidate) { return candidate.view == view; });
-      if (found == list.end()) return 3e38f;
-      sum += weight_[i] * (found->cost - list[slot_[i]].cost);
+      const std::span<const Candidate> list = candidates_.of(i);
+      const std::uint8_t slot = slot_of(i, view);
+      if (slot == kNoSlot) return 3e38f;
+      sum += weight_[i] * (list[slot].cost - list[slot_[i]].cost);
       if (sum > limit + 1e4f) return sum;
     }
     return sum;
@@ -289,9 +260,9 @@ class Labelling {
   std::vector<std::uint8_t> slot_;
   const std::vector<float>& weight_;  // pixels of the best image
   std::vector<Border> borders_;
-  std::vector<std::uint32_t> side_begin_, sides_;  // borders of each cell
-  std::vector<std::array<float, kMostCandidates>> cost_;
-  std::vector<std::uint32_t> forest_, parent_;  // parent_: the edge to it
+  std::vector<std::uint32_t> side_begin_, sides_;                      // borders of each cell
+  std::map<std::uint32_t, std::vector<std::uint32_t>> cells_of_view_;  // that it is a candidate of
+  std::vector<std::uint32_t> node_;                                    // of each cell in the cut at hand
 };
 
 }  // namespace

@@ -73,7 +73,7 @@ void spread_colors(const Mesh& mesh, std::vector<Eigen::Vector3f>& color, std::v
 
 }  // namespace
 
-void color_vertices(Mesh& mesh, Context& context) {
+std::vector<Rgb8> vertex_colors(const Mesh& mesh, Context& context) {
   std::vector<Eigen::Vector3f> color(mesh.vertex_count(), Eigen::Vector3f::Zero());
   std::vector<float> corners(mesh.vertex_count(), 0);
   for (std::size_t i = 0; i < mesh.triangle_page.size(); ++i) {
@@ -85,15 +85,21 @@ void color_vertices(Mesh& mesh, Context& context) {
   }
   std::vector<std::uint8_t> is_known(mesh.vertex_count());
   for (std::size_t v = 0; v < is_known.size(); ++v)
-    if (corners[v] > 0) color[v] /= corners[v], is_known[v] = 1;
+    if (corners[v] > 0)
+      color[v] /= corners[v], is_known[v] = 1;
+    else if (!mesh.colors.empty())
+      color[v] = Eigen::Vector3f(mesh.colors[v].r, mesh.colors[v].g, mesh.colors[v].b), is_known[v] = 1;
   context.throw_if_cancelled();
   spread_colors(mesh, color, is_known);
-  mesh.colors.resize(mesh.vertex_count());
+  std::vector<Rgb8> colors(mesh.vertex_count());
   const auto channel = [](float x) { return std::uint8_t(std::clamp(x, 0.0f, 255.0f) + 0.5f); };
-  for (std::size_t v = 0; v < mesh.colors.size(); ++v) {
+  for (std::size_t v = 0; v < colors.size(); ++v) {
     const Eigen::Vector3f& c = is_known[v] ? color[v] : kNothingAround;
-    mesh.colors[v] = {channel(c.x()), channel(c.y()), channel(c.z())};
+    colors[v] = {channel(c.x()), channel(c.y()), channel(c.z())};
   }
+  return colors;
 }
+
+void color_vertices(Mesh& mesh, Context& context) { mesh.colors = vertex_colors(mesh, context); }
 
 }  // namespace lapseam

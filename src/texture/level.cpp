@@ -18,13 +18,17 @@ constexpr int kNode_px = 2 * kBlock_px;  // between the nodes of the offset's gr
 // What a difference between neighbouring nodes weighs against a step that is left at one place of a border.
 constexpr double kSmoothness = 40;
 // Of each node, against offsets that are not needed.
-constexpr double kOffsetPrior = 0.02;
+// Half of a border sample's weight: a
+// border moves the colours of its surroundings, and charts far from any keep theirs. Weaker, false differences of
+// misplaced views add up over many charts, which costs half a decibel in views held out.
+constexpr double kOffsetPrior = 0.5;
 constexpr int kRounds = 3;  // of reweighting
 // Steps far beyond the usual ones are rather an edge of the picture that lies elsewhere in the other image; so many
 // levels are usual in any case.
 constexpr double kUsualStep = 1.5;
 constexpr float kSampleSpacing_px = 1;
-constexpr int kFalloff_px = 4;
+// What is left of steps is mostly edges of the picture that are misplaced: they are not to be spread far.
+constexpr int kFalloff_px = 2;
 constexpr int kLocalRounds = 12;
 
 /// Bilinear weights of the four pixels around a place.

@@ -11,6 +11,9 @@ namespace {
 using Word = std::uint64_t;
 constexpr int kBits = 64;
 
+// Places that are compared, and rows below the first one that they are sought in.
+constexpr int kMostPlaces = 64, kMoreRows = 3;
+
 /// A row of bits, with shifts.
 class BitRow {
  public:
@@ -41,6 +44,12 @@ class BitRow {
     }
     return limit;
   }
+  bool is_set(int x) const { return (words_[std::size_t(x / kBits)] >> (x % kBits) & 1) != 0; }
+  /// Lowest bit of `from` to `limit` that is not set; limit when there is none.
+  int next_clear(int from, int limit) const {
+    while (from < limit && is_set(from)) ++from;
+    return from;
+  }
   void clear() { std::fill(words_.begin(), words_.end(), Word(0)); }
 
  private:
@@ -63,44 +72,83 @@ std::vector<Run> runs_of(const BlockShape& shape) {
   return runs;
 }
 
+/// Blocks outside a shape that one of it has at its side.
+std::vector<std::pair<int, int>> outline_of(const BlockShape& shape) {
+  const auto is_used = [&](int x, int y) {
+    return x >= 0 && y >= 0 && x < shape.width && y < shape.height && shape.used[std::size_t(y * shape.width + x)] != 0;
+  };
+  std::vector<std::pair<int, int>> outline;
+  for (int y = -1; y <= shape.height; ++y)
+    for (int x = -1; x <= shape.width; ++x)
+      if (!is_used(x, y) && (is_used(x - 1, y) || is_used(x + 1, y) || is_used(x, y - 1) || is_used(x, y + 1)))
+        outline.emplace_back(x, y);
+  return outline;
+}
+
 class Page {
  public:
-  Page(int width, int height) : width_(width), height_(height), rows_(std::size_t(height), BitRow(width)) {}
+  Page(int width, int height)
+      : width_(width), height_(height), rows_(std::size_t(height), BitRow(width)), spread_(width), wider_(width) {}
 
   bool place(const BlockShape& shape, const std::vector<Run>& runs, int from_row, int& x, int& y) {
-    BitRow blocked(width_), spread(width_), wider(width_);
-    for (y = from_row; y + shape.height <= height_; ++y) {
-      blocked.clear();
-      const int limit = width_ - shape.width + 1;
-      for (const Run& run : runs) {
-        // All places where some block of the run would meet a used one: the row, spread by the run's length.
-        const BitRow& row = rows_[std::size_t(y + run.row)];
-        spread = row;
-        int covered = 1;
-        for (const int length = run.to - run.from; covered < length;) {
-          const int step = std::min(covered, length - covered);
-          wider = spread;
-          spread.or_shifted(wider, step);
-          covered += step;
-        }
-        blocked.or_shifted(spread, run.from);
-        if (blocked.first_clear(limit) == limit) break;
+    BitRow blocked(width_);
+    std::vector<std::pair<int, int>> outline;
+    const int limit = width_ - shape.width + 1;
+    int most_touching = -1, compared = 0, first_row = height_;
+    for (int row = from_row; row + shape.height <= height_ && row <= first_row + kMoreRows; ++row) {
+      find_blocked(runs, row, limit, blocked);
+      for (int at = blocked.first_clear(limit); at < limit && compared < kMostPlaces;
+           at = blocked.next_clear(at + 1, limit), ++compared) {
+        if (outline.empty()) outline = outline_of(shape);
+        first_row = std::min(first_row, row);
+        const int touching = count_touching(outline, at, row);
+        if (touching > most_touching) most_touching = touching, x = at, y = row;
       }
-      x = blocked.first_clear(limit);
-      if (x == limit) continue;
-      for (const Run& run : runs) rows_[std::size_t(y + run.row)].set(x + run.from, x + run.to);
-      used_width_ = std::max(used_width_, x + shape.width);
-      used_height_ = std::max(used_height_, y + shape.height);
-      return true;
     }
-    return false;
+    if (most_touching < 0) {
+      y = height_;
+      return false;
+    }
+    for (const Run& run : runs) rows_[std::size_t(y + run.row)].set(x + run.from, x + run.to);
+    used_width_ = std::max(used_width_, x + shape.width);
+    used_height_ = std::max(used_height_, y + shape.height);
+    first_free_row = first_row;
+    return true;
   }
+
+  int first_free_row = 0;  ///< where the search for the last one placed first found room
 
   BlockPage used() const { return {used_width_, used_height_}; }
 
  private:
+  /// All places in a row where some block of the shape would meet a used one: each row of the page, spread by the run's
+  /// length.
+  void find_blocked(const std::vector<Run>& runs, int y, int limit, BitRow& blocked) {
+    blocked.clear();
+    for (const Run& run : runs) {
+      spread_ = rows_[std::size_t(y + run.row)];
+      int covered = 1;
+      for (const int length = run.to - run.from; covered < length;) {
+        const int step = std::min(covered, length - covered);
+        wider_ = spread_;
+        spread_.or_shifted(wider_, step);
+        covered += step;
+      }
+      blocked.or_shifted(spread_, run.from);
+      if (blocked.first_clear(limit) == limit) break;
+    }
+  }
+
+  int count_touching(const std::vector<std::pair<int, int>>& outline, int x, int y) const {
+    return int(std::count_if(outline.begin(), outline.end(), [&](const std::pair<int, int>& block) {
+      const int u = x + block.first, v = y + block.second;
+      return u < 0 || v < 0 || u >= width_ || v >= height_ || rows_[std::size_t(v)].is_set(u);
+    }));
+  }
+
   int width_, height_;
   std::vector<BitRow> rows_;
+  BitRow spread_, wider_;
   int used_width_ = 0, used_height_ = 0;
 };
 
@@ -146,7 +194,7 @@ Packing pack_blocks(const std::vector<BlockShape>& shapes, int page_width, int p
         const auto same = std::find_if(known.begin(), known.end(), [&](const Start& start) {
           return start.width == shapes[i].width && start.height == shapes[i].height;
         });
-        const int row = is_placed ? place.y : page_height;
+        const int row = is_placed ? pages[std::size_t(place.page)].first_free_row : page_height;
         if (same == known.end())
           known.push_back({shapes[i].width, shapes[i].height, row});
         else

@@ -28,7 +28,8 @@ struct Packing {
   std::vector<BlockPage> pages;
 };
 
-/// Largest first, each to the first place where it meets nothing, by rows: shapes may lie inside each other's bays.
+/// Largest first, each to one of the first places where it meets nothing, by rows: there where most of its outline
+/// touches others or the page's edge. Shapes may lie inside each other's bays.
 /// Pages are page_width × page_height blocks at most; every shape fits on one.
 Packing pack_blocks(const std::vector<BlockShape>& shapes, int page_width, int page_height, Context& context);
 

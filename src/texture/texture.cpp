@@ -135,8 +135,7 @@ class Texturing {
     std::vector<std::uint32_t> view(cells.count(), kInvalidIndex);
     for (std::size_t c = 0; c < view.size(); ++c) {
       float lowest = 3e38f;
-      for (const Candidate& candidate : candidates.of_cell[c]) {
-        if (candidate.view == kInvalidIndex) break;
+      for (const Candidate& candidate : candidates.of(c)) {
         const bool is_measured =
             !mesh_.triangle_view.empty() && candidate.view == mesh_.triangle_view[cells.of(c).front()];
         if (!is_measured && candidate.cost >= lowest) continue;
@@ -196,7 +195,11 @@ class Texturing {
       if (root[i] != kInvalidIndex) measure_triangle(i, size[root[i]]);
     constexpr int kMostTries = 12;
     for (int attempt = 0;; ++attempt) {
-      charts_ = make_charts(mesh_, cameras_, view_, find_scales(root, size), page_blocks_, context_);
+      const std::vector<float> scales = find_scales(root, size);
+      charts_ = make_charts(mesh_, cameras_, view_, scales, {}, page_blocks_, context_);
+      const std::vector<std::uint8_t> is_scattered = find_scattered(charts_, root);
+      if (std::find(is_scattered.begin(), is_scattered.end(), 1) != is_scattered.end())
+        charts_ = make_charts(mesh_, cameras_, view_, scales, is_scattered, page_blocks_, context_);
       const std::uint64_t bytes = pack_charts();
       if (options_.memory_bytes == 0 || bytes <= options_.memory_bytes) break;
       if (attempt == kMostTries)
@@ -225,25 +228,49 @@ class Texturing {
     return std::move(tries[best]);
   }
 
+  static std::uint64_t owned_blocks(const Chart& chart) {
+    return std::uint64_t(std::count(chart.shape.used.begin(), chart.shape.used.end(), 1));
+  }
+
+  /// Scattered charts go to pages of their own, which are painted like the others; in the end their vertices get the
+  /// colours, and the pages are dropped.
   std::uint64_t pack_charts() {
+    std::vector<std::uint32_t> kept, dropped;
+    for (std::uint32_t c = 0; c < charts_.charts.size(); ++c)
+      (charts_.charts[c].is_scattered ? dropped : kept).push_back(c);
+    page_sizes_.clear();
+    report_.charts = kept.size();
+    report_.chart_pixels = kBlock_px * kBlock_px * pack_some(kept);
+    report_.page_pixels = 0;
+    for (const BlockPage& page : page_sizes_)
+      report_.page_pixels += std::uint64_t(page.width) * std::uint64_t(page.height) * kBlock_px * kBlock_px;
+    report_.pages = page_sizes_.size();
+    pack_some(dropped);
+    return 3 * report_.page_pixels;
+  }
+
+  /// Onto pages after those that are there. The number of blocks.
+  std::uint64_t pack_some(const std::vector<std::uint32_t>& some) {
+    if (some.empty()) return 0;
     std::vector<BlockShape> shapes;
     std::uint64_t blocks = 0;
     int widest = 1;
-    for (const Chart& chart : charts_.charts) {
+    for (const std::uint32_t c : some) {
+      const Chart& chart = charts_.charts[c];
       shapes.push_back(chart.shape);
       widest = std::max(widest, chart.shape.width);
-      blocks += std::uint64_t(std::count(chart.shape.used.begin(), chart.shape.used.end(), 1));
+      blocks += owned_blocks(chart);
     }
     // What fits on one page makes a square one.
     const int square = int(std::ceil(std::sqrt(1.05 * double(blocks))));
     const Packing packing = pack_tightly(shapes, std::min(page_blocks_, std::max(widest, square)), widest);
-    for (std::size_t c = 0; c < charts_.charts.size(); ++c) charts_.charts[c].place = packing.places[c];
-    page_sizes_ = packing.pages;
-    report_.chart_pixels = blocks * kBlock_px * kBlock_px;
-    report_.page_pixels = 0;
-    for (const BlockPage& page : page_sizes_)
-      report_.page_pixels += std::uint64_t(page.width) * std::uint64_t(page.height) * kBlock_px * kBlock_px;
-    return 3 * report_.page_pixels;
+    for (std::size_t k = 0; k < some.size(); ++k) {
+      BlockPlace& place = charts_.charts[some[k]].place;
+      place = packing.places[k];
+      place.page += int(page_sizes_.size());
+    }
+    page_sizes_.insert(page_sizes_.end(), packing.pages.begin(), packing.pages.end());
+    return blocks;
   }
 
   void paint() {
@@ -269,8 +296,8 @@ class Texturing {
       }
       stage.advance();
     });
-    for (const UseMask& use : uses_)
-      for (const std::uint8_t u : use.pixels) {
+    for (std::size_t page = 0; page < report_.pages; ++page)
+      for (const std::uint8_t u : uses_[page].pixels) {
         report_.used_pixels += u != kPadding;
         report_.fringe_pixels += u == kFringed;
       }
@@ -289,10 +316,26 @@ class Texturing {
                     mesh_.pages[std::size_t(chart.place.page)]);
     });
     set_texcoords();
-    report_.charts = charts_.charts.size();
-    report_.pages = mesh_.pages.size();
     mesh_.colors.clear();
-    if (report_.unseen_triangles > 0) color_vertices(mesh_, context_);
+    if (report_.unseen_triangles > 0 || mesh_.pages.size() > report_.pages) color_vertices(mesh_, context_);
+    drop_pages();
+    // Where a vertex is on a page too, that is the colour beside it.
+    if (report_.vertex_colored_triangles > 0) color_vertices(mesh_, context_);
+  }
+
+  /// Those of charts whose vertices have their colours now.
+  void drop_pages() {
+    mesh_.is_unseen.assign(mesh_.triangle_count(), 0);
+    for (std::size_t i = 0; i < mesh_.triangle_count(); ++i) {
+      if (mesh_.triangle_page[i] == kInvalidIndex) {
+        mesh_.is_unseen[i] = 1;
+      } else if (mesh_.triangle_page[i] >= report_.pages) {
+        mesh_.triangle_page[i] = kInvalidIndex;
+        mesh_.texcoords[i] = {Eigen::Vector2f::Zero(), Eigen::Vector2f::Zero(), Eigen::Vector2f::Zero()};
+        ++report_.vertex_colored_triangles;
+      }
+    }
+    mesh_.pages.resize(std::size_t(report_.pages));
   }
 
   void set_texcoords() {

@@ -85,6 +85,21 @@ TEST(ColorSteps, AreMeasuredWhereTheTextureIsCut) {
   EXPECT_NEAR(found.p95, found.median, 1e-6);
 }
 
+TEST(ColorSteps, AreMeasuredTowardsTrianglesWithVertexColors) {
+  Context context(1);
+  Mesh mesh = two_pages();
+  mesh.pages.pop_back();
+  mesh.triangle_page = {0, 0, kInvalidIndex, kInvalidIndex};
+  mesh.colors.assign(mesh.vertex_count(), Rgb8{112, 112, 112});
+  const ColorStepFigures found = measure_color_steps(mesh, context);
+  EXPECT_EQ(found.edges, 0u);
+  EXPECT_EQ(found.vertex_color_samples, 8u) << "none between triangles that both have the colours of their vertices";
+  EXPECT_NEAR(found.vertex_color_median, 12, 1e-4);
+  EXPECT_NEAR(found.vertex_color_p95, 12, 1e-4);
+  mesh.colors.clear();
+  EXPECT_EQ(measure_color_steps(mesh, context).vertex_color_samples, 0u) << "what has no colour makes no step";
+}
+
 TEST(ColorSteps, ThereAreNoneInsideAChartOrWithoutATexture) {
   Context context(1);
   Mesh mesh = two_pages();
@@ -99,20 +114,17 @@ TEST(ColorSteps, ThereAreNoneInsideAChartOrWithoutATexture) {
 
 // Vertex colours are linear across triangles, and so is the paint of this wall.
 TEST(NovelViews, AModelIsComparedOverWhatItCovers) {
-  const auto paint = [](const Eigen::Vector3d& p) {
-    return Eigen::Vector3d(120 + 60 * p.x(), 120 + 60 * p.y(), 128);
-  };
+  const auto paint = [](const Eigen::Vector3d& p) { return Eigen::Vector3d(120 + 60 * p.x(), 120 + 60 * p.y(), 128); };
   Mesh mesh;
   test::append_patch(mesh, {-0.5, -0.5, 1.5}, {0, 1, 0}, {1, 0, 0}, 10);
   for (const Eigen::Vector3f& p : mesh.positions_m) {
     const Eigen::Vector3d c = paint(p.cast<double>());
     mesh.colors.push_back({std::uint8_t(c.x() + 0.5), std::uint8_t(c.y() + 0.5), std::uint8_t(c.z() + 0.5)});
   }
-  std::vector<ViewSource> views = {test::painted_source("darker", test::small_camera(120, 110),
-                                                        Eigen::Isometry3d::Identity(),
-                                                        test::plane({0, 0, 1.5}, {0, 0, -1}), paint,
-                                                        {Eigen::Vector3d::Constant(0.8), 0}),
-                                   ViewSource{}};
+  std::vector<ViewSource> views = {
+      test::painted_source("darker", test::small_camera(120, 110), Eigen::Isometry3d::Identity(),
+                           test::plane({0, 0, 1.5}, {0, 0, -1}), paint, {Eigen::Vector3d::Constant(0.8), 0}),
+      ViewSource{}};
   Context context(2);
   const NovelEvaluation found = evaluate_novel(mesh, views, context);
   ASSERT_EQ(found.views.size(), 1u);  // the other has no image

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "glb_bytes.h"
@@ -53,6 +54,32 @@ TEST_F(Glb, TexturedAndColoredTrianglesShareVertices) {
     if (mesh.triangle_page[i] != kInvalidIndex) continue;
     for (std::size_t k = 0; k < 3; ++k) EXPECT_EQ(back.colors[back.triangles[i][k]], mesh.colors[mesh.triangles[i][k]]);
   }
+}
+
+TEST_F(Glb, WhatNoImageShowsCanBeToldByItsMaterial) {
+  Mesh mesh = test::grid_mesh(6, 6);
+  test::add_texture(mesh);
+  test::add_colors(mesh);
+  std::vector<std::size_t> plain;
+  for (std::size_t i = 0; i < mesh.triangle_count(); ++i)
+    if (mesh.triangle_page[i] == kInvalidIndex) plain.push_back(i);
+  ASSERT_GE(plain.size(), 2u);
+  const auto text_of = [&](const std::string& name) {
+    std::ifstream file(path(name), std::ios::binary);
+    return std::string(std::istreambuf_iterator<char>(file), {});
+  };
+  mesh.is_unseen.assign(mesh.triangle_count(), 0);
+  write_mesh(mesh, path("seen.glb"));
+  mesh.is_unseen[plain[0]] = 1;
+  for (const std::string name : {"both.glb", "both.obj", "both.ply"}) write_mesh(mesh, path(name));
+  EXPECT_EQ(text_of("seen.glb").find("\"unseen\""), std::string::npos);
+  EXPECT_NE(text_of("seen.glb").find("\"vertex_colors\""), std::string::npos);
+  EXPECT_NE(text_of("both.glb").find("\"unseen\""), std::string::npos);
+  EXPECT_NE(text_of("both.glb").find("\"vertex_colors\""), std::string::npos);
+  EXPECT_NE(text_of("both.obj").find("usemtl unseen"), std::string::npos);
+  EXPECT_NE(text_of("both.ply").find("property uchar unseen"), std::string::npos);
+  for (const std::string name : {"both.glb", "both.obj", "both.ply"})
+    EXPECT_EQ(read_mesh(path(name)).triangle_count(), mesh.triangle_count()) << name;
 }
 
 // Corners of each triangle in the world, from its first in lexical order, and the triangles sorted: what stays the same

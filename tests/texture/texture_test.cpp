@@ -119,10 +119,44 @@ TEST(Atlas, WhatNoImageShowsContinuesTheColorsAround) {
   EXPECT_EQ(mesh.triangle_view, provenance);
   EXPECT_EQ(mesh.triangle_page[2], kInvalidIndex);
   EXPECT_EQ(mesh.triangle_page[3], kInvalidIndex);
+  EXPECT_EQ(mesh.is_unseen, (std::vector<std::uint8_t>{0, 0, 1, 1, 0, 0}));
   EXPECT_NE(mesh.triangle_page[0], kInvalidIndex);
   EXPECT_NE(mesh.triangle_page[4], kInvalidIndex);
   ASSERT_EQ(mesh.colors.size(), mesh.vertex_count());
   for (const std::uint32_t v : mesh.triangles[3]) EXPECT_EQ(mesh.colors[v], (Rgb8{200, 40, 10}));
+}
+
+// A page would need four blocks for such a chart; colours of its vertices say the same. What is around it was measured
+// with another image, so that no edge of depth is near.
+TEST(Atlas, ATinyChartOfTrianglesLikePixelsGetsVertexColors) {
+  const PinholeSensor camera{200, 150, 120, 120, 99.5, 74.5, {}};
+  const std::vector<ViewSource> sources = {colored_source(camera, 10), colored_source(camera, 20)};
+  Mesh mesh;
+  append_square(mesh, camera, 10, 20, 60, 50, 0);
+  append_square(mesh, camera, 120, 20, 126, 26, 0);  // as tiny, but with nothing between its corners
+  append_square(mesh, camera, 130, 80, 176, 100, 1);
+  append_square(mesh, camera, 130, 106, 176, 126, 1);
+  append_square(mesh, camera, 130, 100, 150, 106, 1);
+  append_square(mesh, camera, 156, 100, 176, 106, 1);
+  constexpr std::size_t kOnPages = 12;
+  for (int v = 100; v < 106; ++v)
+    for (int u = 150; u < 156; ++u) append_square(mesh, camera, u, v, u + 1, v + 1, 0);
+  Context context(1);
+  const TextureReport report = texture(mesh, sources, {.equalize = false, .level = false, .choose = false}, context);
+  EXPECT_EQ(report.vertex_colored_triangles, 72u);
+  EXPECT_EQ(report.charts, 3u);
+  EXPECT_EQ(report.unseen_triangles, 0u);
+  ASSERT_EQ(mesh.pages.size(), report.pages);
+  ASSERT_EQ(mesh.colors.size(), mesh.vertex_count());
+  for (std::size_t i = 0; i < mesh.triangle_count(); ++i) {
+    EXPECT_EQ(mesh.triangle_page[i] == kInvalidIndex, i >= kOnPages) << i;
+    EXPECT_FALSE(mesh.is_unseen[i]);
+  }
+  for (int v = 100; v < 106; ++v)
+    for (int u = 150; u < 156; ++u) {
+      const std::uint32_t corner = mesh.triangles[kOnPages + std::size_t(2 * ((v - 100) * 6 + u - 150))][0];
+      EXPECT_EQ(mesh.colors[corner], (Rgb8{std::uint8_t(u), std::uint8_t(v), 10}));
+    }
 }
 
 TEST(Atlas, LimitsAreChecked) {

@@ -607,6 +607,34 @@ class Formats(ToolTest):
         self.assertGreater(triangles, 1500)  # so that there is something to split
         self.assertEqual(leaves(tileset["root"]), triangles)
 
+    def test_tiles_of_a_textured_mesh_have_its_colors(self):
+        scene = save(self.folder, write_wall_scene(self.folder, views=2, width=96, height=72))
+        self.expect_ok("integrate", scene, "-o", self.folder / "a.glb", "--reduce-sigma", "0")
+        self.expect_ok("integrate", scene, "-o", self.folder / "a.ply", "--reduce-sigma", "0")
+        for name in "a.glb", "a.ply":
+            self.expect_ok("tiles", self.folder / name, "-o", self.folder / (name + ".tiles"), "--max-triangles", "1000")
+
+        def colors_of(folder):
+            out = []
+            for file in sorted((folder / "tiles").glob("*.glb")):
+                data = file.read_bytes()
+                length = struct.unpack_from("<I", data, 12)[0]
+                document, binary = json.loads(data[20:20 + length]), data[20 + length + 8:]
+                for p in (p for mesh in document["meshes"] for p in mesh["primitives"]):
+                    accessor = document["accessors"][p["attributes"]["COLOR_0"]]
+                    view = document["bufferViews"][accessor["bufferView"]]
+                    start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+                    out.append(struct.unpack_from(f"<{4 * accessor['count']}H", binary, start))
+            return out
+
+        textured, colored = colors_of(self.folder / "a.glb.tiles"), colors_of(self.folder / "a.ply.tiles")
+        self.assertGreater(len(textured), 2)
+        means = [[sum(sum(c[k::4]) for c in colors) / sum(len(c) // 4 for c in colors) for k in range(3)]
+                 for colors in (textured, colored)]
+        for a, b in zip(*means):  # JPEG takes a level or two of 255
+            self.assertLess(abs(a - b), 2 * 65535 / 255)
+        self.assertGreater(len({c for colors in textured for c in colors}), 20)
+
     def test_stl_holds_every_triangle(self):
         scene = save(self.folder, write_wall_scene(self.folder))
         self.expect_ok("integrate", scene, "-o", self.folder / "a.stl")
