@@ -20,6 +20,8 @@ class PixelStore {
   /// Aligned to a page, zero. Throws IoError.
   virtual void* allocate(std::size_t bytes) = 0;
   virtual void deallocate(void* data, std::size_t bytes) noexcept = 0;
+  /// Gives back what has been read, if the store's budget asks for it. Some microseconds; for between two views.
+  virtual void relieve() = 0;
 };
 
 /// Heap, or a store. What is moved keeps its store; what is copied lives in the heap.

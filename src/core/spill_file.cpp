@@ -49,6 +49,7 @@ SpillFile::SpillFile(const MemoryBudget& budget)
   descriptor_ = open_nameless(folder_);
   if (descriptor_ < 0) throw IoError(folder_, "no temporary file can be made here: " + describe(errno));
   use_.budget_bytes = budget.bytes;
+  next_ = threshold_ = budget.bytes > kMargin ? budget.bytes - kMargin : 0;
   watcher_ = std::thread([this] { watch(); });
 }
 
@@ -116,17 +117,22 @@ MemoryUse SpillFile::use() const {
 }
 
 void SpillFile::watch() {
-  std::uint64_t next = budget_.bytes > kMargin ? budget_.bytes - kMargin : 0;
-  const std::uint64_t threshold = next;
   std::unique_lock lock(mutex_);
-  while (!wake_.wait_for(lock, kWatchInterval, [&] { return stops_; })) {
-    if (rss_bytes() <= next) continue;
-    for (const auto& [data, block] : blocks_)  // the file keeps what is dropped
-      ::madvise(const_cast<void*>(data), block.size, MADV_DONTNEED);
-    ::malloc_trim(0);
-    ++use_.evictions;
-    next = std::max(threshold, rss_bytes() + kLeastEviction);
-  }
+  while (!wake_.wait_for(lock, kWatchInterval, [&] { return stops_; })) give_back_if_needed();
+}
+
+void SpillFile::relieve() {
+  const std::scoped_lock lock(mutex_);
+  give_back_if_needed();
+}
+
+void SpillFile::give_back_if_needed() {
+  if (rss_bytes() <= next_) return;
+  for (const auto& [data, block] : blocks_)  // the file keeps what is dropped
+    ::madvise(const_cast<void*>(data), block.size, MADV_DONTNEED);
+  ::malloc_trim(0);
+  ++use_.evictions;
+  next_ = std::max(threshold_, rss_bytes() + kLeastEviction);
 }
 
 }  // namespace lapseam

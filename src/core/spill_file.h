@@ -28,6 +28,7 @@ class SpillFile : public PixelStore {
   /// Room on the disk is reserved at once: throws IoError when there is none.
   void* allocate(std::size_t bytes) override;
   void deallocate(void* data, std::size_t bytes) noexcept override;
+  void relieve() override;
 
   /// Remembers a checksum of what was allocated at `data`: it does not change from now on.
   void seal(const void* data);
@@ -46,6 +47,7 @@ class SpillFile : public PixelStore {
   };
   Block block_at(const void* data) const;
   void watch();
+  void give_back_if_needed();  // under the mutex
 
   MemoryBudget budget_;
   std::filesystem::path folder_;
@@ -55,6 +57,7 @@ class SpillFile : public PixelStore {
   bool stops_ = false;
   std::map<const void*, Block> blocks_;
   std::uint64_t end_ = 0, stored_ = 0;
+  std::uint64_t threshold_ = 0, next_ = 0;  // resident bytes at which something is given back
   MemoryUse use_;
   std::thread watcher_;
 };

@@ -10,6 +10,7 @@
 #include "core/parallel.h"
 #include "mend/trim.h"
 #include "mend/witnesses.h"
+#include "patch/by_view.h"
 #include "sew_meshes/loops.h"
 #include "sew_meshes/merged.h"
 #include "sew_meshes/seam_shape.h"
@@ -37,8 +38,13 @@ class CrackCloser {
         mesh_(mesh),
         check_(mesh_, normals_, context),
         error_m_(expected_errors(mesh, patches)) {
-    for (std::size_t v = 0; v < mesh.vertex_count(); ++v)
-      sigma_m_.push_back(witnesses_.sigma_of(mesh.vertex_view[v], mesh.vertex_pixel[v]));
+    sigma_m_.resize(mesh.vertex_count());
+    const VerticesByView vertices(mesh, patches.size());
+    for (std::size_t i = 0; i < patches.size(); ++i) {
+      for (const std::uint32_t v : vertices.of(i))
+        sigma_m_[v] = witnesses_.sigma_of(std::uint32_t(i), mesh.vertex_pixel[v]);
+      relieve(patches[i]);
+    }
   }
 
   CloseCracksReport run() {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "patch/by_view.h"
+
 namespace lapseam {
 namespace {
 
@@ -75,8 +77,11 @@ float expected_error_m(const Patch& patch, std::size_t pixel) {
 
 std::vector<float> expected_errors(const Mesh& mesh, std::span<const Patch> patches) {
   std::vector<float> errors(mesh.vertex_count());
-  for (std::size_t v = 0; v < errors.size(); ++v)
-    errors[v] = expected_error_m(patches[mesh.vertex_view[v]], mesh.vertex_pixel[v]);
+  const VerticesByView vertices(mesh, patches.size());
+  for (std::size_t i = 0; i < patches.size(); ++i) {
+    for (const std::uint32_t v : vertices.of(i)) errors[v] = expected_error_m(patches[i], mesh.vertex_pixel[v]);
+    relieve(patches[i]);
+  }
   return errors;
 }
 

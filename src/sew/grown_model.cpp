@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "core/parallel.h"
+#include "patch/by_view.h"
 #include "patch/wide_normal.h"
 
 namespace lapseam {
@@ -83,10 +84,13 @@ void GrownModel::replace(Mesh replacement, Context& context) {
   mesh = std::move(replacement);
   error_m.resize(mesh.vertex_count());
   normal.resize(mesh.vertex_count());
-  parallel_for(context, mesh.vertex_count(), 4096, [&](std::size_t v) {
-    const Patch& patch = patches[mesh.vertex_view[v]];
-    error_m[v] = expected_error_m(patch, mesh.vertex_pixel[v]);
-    normal[v] = normal_at(patch, mesh.vertex_pixel[v]);
+  const VerticesByView vertices(mesh, patches.size());
+  parallel_for(context, patches.size(), 1, [&](std::size_t i) {
+    for (const std::uint32_t v : vertices.of(i)) {
+      error_m[v] = expected_error_m(patches[i], mesh.vertex_pixel[v]);
+      normal[v] = normal_at(patches[i], mesh.vertex_pixel[v]);
+    }
+    relieve(patches[i]);
   });
   find_border(context);
 }

@@ -38,6 +38,16 @@ TEST(SpillFile, WhatIsGivenBackIsReadAgain) {
   EXPECT_EQ(image.pixels, counted_image().pixels);
 }
 
+TEST(SpillFile, RelievesAtOnceWhenAsked) {
+  Context context(1);
+  context.set_memory_budget(hardly_any());
+  Image<std::uint32_t> image = counted_image();
+  spill(image.pixels, context);
+  image.pixels.get_allocator().store()->relieve();
+  EXPECT_GT(context.memory_use().evictions, 0u);
+  EXPECT_EQ(image.pixels, counted_image().pixels);
+}
+
 TEST(SpillFile, WithoutABudgetPixelsStayWhereTheyAre) {
   Context context(1);
   Image<std::uint32_t> image = counted_image();
