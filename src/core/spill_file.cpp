@@ -19,9 +19,9 @@
 namespace lapseam {
 namespace {
 
-constexpr std::chrono::milliseconds kWatchInterval(2);
+constexpr std::chrono::milliseconds kWatchInterval(1);
 // Between two looks the process may take as much as this more.
-constexpr std::uint64_t kMargin = 10'000'000;
+constexpr std::uint64_t kMargin = 15'000'000;
 // Giving back what is read again at once helps nobody: the next time is when so much has come in again.
 constexpr std::uint64_t kLeastEviction = 4'000'000;
 

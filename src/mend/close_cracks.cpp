@@ -33,6 +33,7 @@ class CrackCloser {
   CrackCloser(Mesh& mesh, std::span<const Patch> patches, const OverlapOptions& options, Context& context)
       : context_(context),
         options_(options),
+        patches_(patches),
         witnesses_(patches, mesh.origin_m, options),
         normals_(measure_vertices(mesh).normals),
         mesh_(mesh),
@@ -130,7 +131,10 @@ class CrackCloser {
     std::vector<Loop> loops = trace_loops(mesh_, open_edges(mesh_));
     std::erase_if(loops, [&](const Loop& loop) { return loop.size() > longest; });
     std::vector<Judged> judged(loops.size());
-    parallel_for(context_, loops.size(), 4, [&](std::size_t i) { judged[i] = judge(loops[i]); });
+    parallel_for(context_, loops.size(), 4, [&](std::size_t i) {
+      judged[i] = judge(loops[i]);
+      relieve(patches_.front());
+    });
     std::erase_if(judged, [](const Judged& j) { return j.crack_share < kCrackShare; });
     // Short ones first: what they take is little.
     std::stable_sort(judged.begin(), judged.end(),
@@ -139,6 +143,7 @@ class CrackCloser {
     for (const Judged& j : judged) {
       context_.throw_if_cancelled();
       if (!is_open(j.loop)) continue;
+      relieve(patches_.front());
       check_.set_condition([&](const Triangle& t) { return !is_contradicted(t, j.views); });
       if (!close_loop(mesh_, check_, j.loop, LoopGoal::kArea, rule, TriangleTag::kSeam)) continue;
       ++report_.loops_closed;
@@ -149,6 +154,7 @@ class CrackCloser {
 
   Context& context_;
   const OverlapOptions& options_;
+  std::span<const Patch> patches_;
   Witnesses witnesses_;
   std::vector<Eigen::Vector3f> normals_;
   LiveMesh mesh_;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/parallel.h"
+#include "patch/by_view.h"
 #include "sew/view_canvas.h"
 
 namespace lapseam {
@@ -69,7 +70,7 @@ std::uint64_t extend_silhouettes(Mesh& mesh, std::span<const Patch> patches, con
   for (const Patch& patch : patches) canvases.emplace_back(patch, mesh.origin_m, options, 0);
   const std::vector<Eigen::Vector3f> out = find_ways_out(mesh);
   std::vector<std::uint8_t> has_moved(mesh.vertex_count(), 0);
-  parallel_for(context, mesh.vertex_count(), 4096, [&](std::size_t v) {
+  const auto extend = [&](std::size_t v) {
     if (out[v].isZero()) return;
     const ViewCanvas& canvas = canvases[mesh.vertex_view[v]];
     Eigen::Vector3f& p = mesh.positions_m[v];
@@ -86,6 +87,11 @@ std::uint64_t extend_silhouettes(Mesh& mesh, std::span<const Patch> patches, con
     if (!is_before_something(canvas, at, moved / pixels)) return;
     p += kFootprint_px / pixels * step * outward;
     has_moved[v] = 1;
+  };
+  const VerticesByView vertices(mesh, patches.size());
+  parallel_for(context, patches.size(), 1, [&](std::size_t i) {
+    for (const std::uint32_t v : vertices.of(i)) extend(v);
+    relieve(patches[i]);
   });
   std::uint64_t count = 0;
   for (const std::uint8_t has : has_moved) count += has;
