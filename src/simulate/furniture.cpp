@@ -78,13 +78,16 @@ void add_book_row(MeshBuilder& builder, const Frame& shelf, double length_m, dou
 
 void add_things_on_table(MeshBuilder& builder, const Frame& top, Dice& dice) {
   // Each thing has its own part of the table top.
-  add_vase(builder, top * standing_at(dice.between(-0.05, 0.1), dice.between(0.1, 0.2)), 0.26, dice);
+  // Each number is drawn by a statement of its own: compilers evaluate arguments in different orders.
+  const double vase_y = dice.between(0.1, 0.2), vase_x = dice.between(-0.05, 0.1);
+  add_vase(builder, top * standing_at(vase_x, vase_y), 0.26, dice);
   for (const double side : {-1.0, 1.0}) {
     const double x = side * dice.between(0.55, 0.62), y = side * dice.between(0.12, 0.26);
     add_mug(builder, top * standing_at(x, y, dice.between(0, 6)), dice);
   }
   double z = 0.001;
-  const Frame pile = top * standing_at(dice.between(0.2, 0.3), dice.between(-0.28, -0.2), dice.between(-0.3, 0.3));
+  const double pile_yaw = dice.between(-0.3, 0.3), pile_y = dice.between(-0.28, -0.2), pile_x = dice.between(0.2, 0.3);
+  const Frame pile = top * standing_at(pile_x, pile_y, pile_yaw);
   for (int i = 0; i < 3; ++i) {
     const double thickness = dice.between(0.018, 0.035);
     // Lying: the book's x (thickness) points up.
@@ -95,7 +98,8 @@ void add_things_on_table(MeshBuilder& builder, const Frame& top, Dice& dice) {
     z += thickness + 0.001;
   }
   // A bowl with fruit, and a sheet of paper.
-  const Frame bowl = top * standing_at(dice.between(-0.48, -0.36), dice.between(0.15, 0.22));
+  const double bowl_y = dice.between(0.15, 0.22), bowl_x = dice.between(-0.48, -0.36);
+  const Frame bowl = top * standing_at(bowl_x, bowl_y);
   builder.set_frame(bowl);
   builder.use(make_material(Pattern::kMarble, 0xE8ECEF, 0x5D8AA8, 0.06, dice));
   builder.add_revolution(vessel({{0.05, 0}, {0.09, 0.02}, {0.12, 0.05}, {0.135, 0.085}}, 0.005), 56);
@@ -105,7 +109,8 @@ void add_things_on_table(MeshBuilder& builder, const Frame& top, Dice& dice) {
     builder.add_superellipsoid({0.047 * std::cos(angle), 0.047 * std::sin(angle), 0.062}, {0.039, 0.039, 0.036}, 1, 1,
                                32);
   }
-  builder.set_frame(top * standing_at(dice.between(-0.3, -0.1), -0.22, dice.between(-0.12, 0.12)));
+  const double sheet_yaw = dice.between(-0.12, 0.12), sheet_x = dice.between(-0.3, -0.1);
+  builder.set_frame(top * standing_at(sheet_x, -0.22, sheet_yaw));
   builder.use(make_material(Pattern::kText, 0xF4F4F0, 0x202225, 0.012, dice));
   builder.add_box({-0.105, -0.1485, 0.0005}, {0.105, 0.1485, 0.003});
 }
@@ -137,7 +142,8 @@ void add_table_group(MeshBuilder& builder, const Frame& frame, Dice& dice) {
   for (int i = 0; i < 4; ++i) {
     const double x = i % 2 ? 0.36 : -0.36, side = i / 2 ? 1 : -1;
     const double yaw = (side > 0 ? kPi : 0) + dice.between(-0.3, 0.3);
-    add_chair(builder, frame * standing_at(x + dice.between(-0.05, 0.05), side * dice.between(0.5, 0.68), yaw), dice);
+    const double y = side * dice.between(0.5, 0.68), off = dice.between(-0.05, 0.05);
+    add_chair(builder, frame * standing_at(x + off, y, yaw), dice);
   }
   add_things_on_table(builder, frame * standing_at(0, 0, 0, 0.75), dice);
 }

@@ -172,8 +172,8 @@ void add_pendant_lamp(MeshBuilder& builder, const Frame& frame, double ceiling_m
 void add_vase(MeshBuilder& builder, const Frame& frame, double height_m, Dice& dice) {
   builder.set_frame(frame);
   constexpr std::array<std::uint32_t, 4> kGlaze = {0x2C6E7F, 0xA23B2A, 0xD9C7A0, 0x4B3B6B};
-  Material glaze = make_material(dice.index(2) ? Pattern::kMarble : Pattern::kStripes,
-                                 kGlaze[std::size_t(dice.index(4))], 0xE9E2D0, 0.05, dice);
+  const std::uint32_t color = kGlaze[std::size_t(dice.index(4))];
+  Material glaze = make_material(dice.index(2) ? Pattern::kMarble : Pattern::kStripes, color, 0xE9E2D0, 0.05, dice);
   glaze.is_specular = true;
   builder.use(glaze);
   const double belly = dice.between(0.26, 0.4), neck = dice.between(0.1, 0.16), waist = dice.between(0.3, 0.5);

@@ -20,7 +20,8 @@ std::vector<View> room_views(double shift_m, double sigma_m) {
   for (unsigned i = 0; i < 8; ++i) {
     const Eigen::Isometry3d T = test::look_at({-1.2 + 0.15 * i, -1.0, 0.1 * i - 0.3}, {0.3, 1.8, 0.1});
     views.push_back(test::make_view("view", sensor, T, room, sigma_m, i));
-    Eigen::Vector3d shift(normal(rng), normal(rng), normal(rng));
+    Eigen::Vector3d shift;
+    for (const int k : {2, 1, 0}) shift[k] = normal(rng);  // one by one: arguments have no order
     views.back().T_world_view.pretranslate(shift_m * shift);
   }
   return views;
