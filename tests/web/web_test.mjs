@@ -98,8 +98,21 @@ async function testE57() {
 
 function serve() {
   const types = {'.js': 'text/javascript', '.html': 'text/html', '.json': 'application/json'};
+  const held = [];
   const server = http.createServer((request, response) => {
     const name = decodeURIComponent(new URL(request.url, 'http://localhost').pathname);
+    // The browser looks at the page when all of it is loaded: a picture of it is held back until the page says that it has
+    // drawn. A budget of virtual time would pass without waiting for decoders and workers.
+    if (name === '/hold') {
+      held.push(response);
+      setTimeout(() => response.end(), kLongestWait_ms).unref();
+      return;
+    }
+    if (name === '/done') {
+      for (const waiting of held.splice(0)) waiting.end();
+      response.end();
+      return;
+    }
     const file = name.startsWith('/data/') ? at(name.slice(6)) : path.join(here, name);
     fs.readFile(file, (error, bytes) => {
       response.writeHead(error ? 404 : 200, {'Content-Type': types[path.extname(file)] ?? 'application/octet-stream'});
@@ -109,9 +122,11 @@ function serve() {
   return new Promise((resolve) => server.listen(0, '127.0.0.1', () => resolve(server)));
 }
 
+const kLongestWait_ms = 120000;
+
 function look(url, screenshot) {
   const common = ['--headless=new', '--no-sandbox', '--disable-gpu-sandbox', '--use-angle=swiftshader',
-    '--enable-unsafe-swiftshader', '--window-size=640,480', '--virtual-time-budget=60000',
+    '--enable-unsafe-swiftshader', '--window-size=640,480',
     `--user-data-dir=${at('profile')}`];
   return new Promise((resolve) => {
     const browser = spawn('chromium', [...common, `--screenshot=${screenshot}`, '--dump-dom', url]);
