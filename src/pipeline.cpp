@@ -178,10 +178,7 @@ class Integration {
       const StepThreshold threshold = make_step_threshold(patch.view.sensor, patch.noise);
       patch.grid = triangulate(patch.view, *patch.rays, threshold, context_);
       measure_confidence(patch, threshold, context_);
-      spill(patch.view.range.pixels, context_);
-      spill(patch.grid.cells, context_);
-      spill(patch.confidence.pixels, context_);
-      spill(patch.incidence.pixels, context_);
+      for_each_plane(patch, [&](auto& pixels) { spill(pixels, context_); });
       report.triangles = patch.grid.triangle_count();
       stage.advance();
     });
@@ -193,19 +190,24 @@ class Integration {
     return wanted;
   }
 
+  // What is known of each pixel of a view.
+  template <typename P, typename F>
+  static void for_each_plane(P& patch, const F& f) {
+    f(patch.view.range.pixels);
+    f(patch.grid.cells);
+    f(patch.confidence.pixels);
+    f(patch.incidence.pixels);
+  }
+
   // What a memory budget keeps in a file must come back as it went.
   void seal_view(const Patch& patch, const Image<std::uint8_t>& claims) const {
-    seal(patch.view.range.pixels, context_);
-    seal(patch.grid.cells, context_);
-    seal(patch.confidence.pixels, context_);
-    seal(patch.incidence.pixels, context_);
+    for_each_plane(patch, [&](const auto& pixels) { seal(pixels, context_); });
     seal(claims.pixels, context_);
   }
   void check_view(const Patch& patch, const Image<std::uint8_t>& claims) const {
-    if (is_whole(patch.view.range.pixels, context_) && is_whole(patch.grid.cells, context_) &&
-        is_whole(patch.confidence.pixels, context_) && is_whole(patch.incidence.pixels, context_) &&
-        is_whole(claims.pixels, context_))
-      return;
+    bool all_whole = is_whole(claims.pixels, context_);
+    for_each_plane(patch, [&](const auto& pixels) { all_whole = all_whole && is_whole(pixels, context_); });
+    if (all_whole) return;
     throw IoError(spill_file_of(context_)->folder(),
                   "the temporary file lost what was written for view '" + patch.view.name + "': its checksum differs");
   }

@@ -9,7 +9,6 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdlib>
-#include <new>
 #include <system_error>
 
 #include "core/crc32c.h"

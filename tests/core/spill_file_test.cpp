@@ -23,6 +23,13 @@ Image<std::uint32_t> counted_image() {
   return image;
 }
 
+Image<std::uint32_t> spilled_image(Context& context) {
+  context.set_memory_budget(hardly_any());
+  Image<std::uint32_t> image = counted_image();
+  spill(image.pixels, context);
+  return image;
+}
+
 TEST(SpillFile, WhatIsGivenBackIsReadAgain) {
   Context context(1);
   context.set_memory_budget(hardly_any());
@@ -40,9 +47,7 @@ TEST(SpillFile, WhatIsGivenBackIsReadAgain) {
 
 TEST(SpillFile, RelievesAtOnceWhenAsked) {
   Context context(1);
-  context.set_memory_budget(hardly_any());
-  Image<std::uint32_t> image = counted_image();
-  spill(image.pixels, context);
+  Image<std::uint32_t> image = spilled_image(context);
   image.pixels.get_allocator().store()->relieve();
   EXPECT_GT(context.memory_use().evictions, 0u);
   EXPECT_EQ(image.pixels, counted_image().pixels);
@@ -59,9 +64,7 @@ TEST(SpillFile, WithoutABudgetPixelsStayWhereTheyAre) {
 
 TEST(SpillFile, MovesKeepTheFileAndCopiesLeaveIt) {
   Context context(1);
-  context.set_memory_budget(hardly_any());
-  Image<std::uint32_t> image = counted_image();
-  spill(image.pixels, context);
+  Image<std::uint32_t> image = spilled_image(context);
   const Image<std::uint32_t> copy = image;
   EXPECT_EQ(copy.pixels.get_allocator().store(), nullptr);
   const std::uint32_t* const in_file = image.pixels.data();
@@ -83,9 +86,7 @@ TEST(SpillFile, PixelsOutliveTheContext) {
 
 TEST(SpillFile, ASealNoticesAChangedPixel) {
   Context context(1);
-  context.set_memory_budget(hardly_any());
-  Image<std::uint32_t> image = counted_image();
-  spill(image.pixels, context);
+  Image<std::uint32_t> image = spilled_image(context);
   seal(image.pixels, context);
   EXPECT_TRUE(is_whole(image.pixels, context));
   image.at(500, 300) ^= 1u << 20;
