@@ -227,6 +227,12 @@ class EarCutter {
 
 }  // namespace
 
+std::size_t cut_ears(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, const TriangleRule& rule,
+                     TriangleTag tag) {
+  EarCutter cutter(mesh, check, loop, rule, tag);
+  return loop.size() - cutter.cut(3).size();
+}
+
 bool close_loop(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, LoopGoal goal, const TriangleRule& rule,
                 TriangleTag tag) {
   if (loop.size() < 3) return false;

@@ -32,6 +32,8 @@ enum class LoopGoal {
 /// kLargestWhole edges lose ears first, sharpest corners first.
 bool close_loop(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, LoopGoal goal, const TriangleRule& rule,
                 TriangleTag tag);
+/// Fills corners of a loop as far as the rule and the check allow, the sharpest first; returns how many.
+std::size_t cut_ears(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, const TriangleRule& rule, TriangleTag tag);
 inline constexpr std::size_t kLargestWhole = 128;
 
 }  // namespace lapseam

@@ -63,6 +63,43 @@ TEST(CloseCracks, ClosesWhatViewsMeasured) {
   EXPECT_NEAR(area_of(joined.mesh), before, 1e-4 * before);
 }
 
+TEST(CloseCracks, WhatIsFoldedIntoAHoleIsReplaced) {
+  Context context(2);
+  test::Joined joined = plane_from_two_views(context);
+  Mesh& mesh = joined.mesh;
+  const double before = area_of(mesh);
+  const std::uint64_t loops = check_health(mesh, {}, context).boundary_loops;
+  const Eigen::Vector3f middle(0.05f, 0.02f, 0);
+  ASSERT_GT(punch(mesh, middle, 0.12f), 2u);
+  // The rim's vertex nearest to the middle goes over to the other side: its triangles cover the hole, upside down.
+  std::size_t nearest = 0;
+  for (std::size_t v = 1; v < mesh.vertex_count(); ++v)
+    if ((mesh.positions_m[v] - middle).norm() < (mesh.positions_m[nearest] - middle).norm()) nearest = v;
+  mesh.positions_m[nearest] += 4 * (middle - mesh.positions_m[nearest]);
+  const CloseCracksReport report = close_cracks(mesh, joined.patches, {}, context);
+  EXPECT_GT(report.triangles_replaced, 0u);
+  expect_valid_mesh(mesh);
+  const MeshHealth health = check_health(mesh, {.self_intersections = true}, context);
+  EXPECT_EQ(health.boundary_loops, loops);
+  EXPECT_EQ(health.self_intersecting_triangles, 0u);
+  EXPECT_NEAR(area_of(mesh), before, 1e-4 * before);
+}
+
+TEST(CloseCracks, CornersOfLongOutlinesAreFilled) {
+  Context context(2);
+  test::Joined joined = plane_from_two_views(context);
+  // A slot across the surface, open at both ends: its outline is that of the mesh, and no hole.
+  std::vector<std::uint8_t> keep(joined.mesh.triangle_count(), 1);
+  for (std::size_t t = 0; t < keep.size(); ++t) keep[t] = std::abs(middle_of(joined.mesh, t).y() - 0.02f) > 0.06f;
+  joined.mesh = compact(joined.mesh, keep);
+  const double before = area_of(joined.mesh);
+  const CloseCracksReport report = close_cracks(joined.mesh, joined.patches, {}, context);
+  EXPECT_EQ(report.loops_closed, 0u);
+  EXPECT_GT(report.corners_filled, 0u);
+  EXPECT_GT(area_of(joined.mesh), before);
+  expect_valid_mesh(joined.mesh);
+}
+
 TEST(CloseCracks, WhatNobodyMeasuredStaysOpen) {
   Context context(2);
   const test::Shape plane = test::plane({0, 0, 0}, {0, 0, 1});

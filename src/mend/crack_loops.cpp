@@ -1,0 +1,224 @@
+// Based on: P. Liepa, Filling Holes in Meshes, 2003 (triangulations of an outline).
+
+#include "mend/crack_loops.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "core/parallel.h"
+#include "patch/by_view.h"
+
+namespace lapseam {
+namespace {
+
+// Longer outlines than this are gaps between two pieces, or have holes in them: no disk closes them.
+constexpr std::size_t kLongestOutline = 64;
+constexpr float kCrackShare = 0.5f;
+constexpr float kMostSigma = 1.4f;  // noise of a witness against that of the vertices around
+constexpr float kBeyond = 0.5f;     // how far beyond an edge its surface must go on, in sides of its triangle
+// What a hole is widened by before it is left as it is.
+constexpr int kMostRings = 4;
+// Of the measured surface that is taken away around a hole, the area that may have no surface afterwards.
+constexpr double kMostLost = 0.2;
+
+/// Begins with its lowest vertex, so that a loop is the same wherever it was met first.
+Loop in_order(Loop loop) {
+  std::rotate(loop.begin(), std::min_element(loop.begin(), loop.end()), loop.end());
+  return loop;
+}
+
+}  // namespace
+
+CrackLoops::CrackLoops(LiveMesh& mesh, TriangleCheck& check, const Layers& layers, const Witnesses& witnesses,
+                       std::span<const Patch> patches, VertexNoise noise, CloseCracksReport& report, Context& context)
+    : mesh_(mesh),
+      check_(check),
+      layers_(layers),
+      witnesses_(witnesses),
+      patches_(patches),
+      noise_(noise),
+      report_(report),
+      context_(context) {}
+
+void CrackLoops::close(std::size_t longest, const TriangleRule& rule) {
+  std::vector<Loop> loops = trace_loops(mesh_, open_edges(mesh_));
+  std::erase_if(loops, [&](const Loop& loop) { return loop.size() > longest; });
+  std::vector<Judged> judged(loops.size());
+  parallel_for(context_, loops.size(), 4, [&](std::size_t i) {
+    judged[i] = judge(loops[i]);
+    relieve(patches_.front());
+  });
+  std::erase_if(judged, [](const Judged& j) { return j.crack_share < kCrackShare; });
+  // Short ones first: what they take is little.
+  std::stable_sort(judged.begin(), judged.end(),
+                   [](const Judged& a, const Judged& b) { return a.loop.size() < b.loop.size(); });
+  report_.crack_loops = std::max<std::uint64_t>(report_.crack_loops, judged.size());
+  for (const Judged& j : judged) {
+    context_.throw_if_cancelled();
+    if (!is_open(j.loop)) continue;  // an earlier loop took an edge
+    relieve(patches_.front());
+    const std::size_t first = mesh_.triangle_count();
+    if (!close_one(j, rule)) continue;
+    ++report_.loops_closed;
+    for (std::size_t t = first; t < mesh_.triangle_count(); ++t)
+      report_.loop_triangles += mesh_.is_alive(std::uint32_t(t));
+  }
+}
+
+CrackLoops::Judged CrackLoops::judge(const Loop& loop) const {
+  Judged out{loop, {}, 0};
+  Eigen::AlignedBox3f box;
+  for (const std::uint32_t v : loop) box.extend(mesh_.position(v));
+  out.views = witnesses_.find_views(box.center(), 0.5f * box.diagonal().norm());
+  float length = 0, cracked = 0;
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const std::uint32_t a = loop[i], b = loop[(i + 1) % loop.size()];
+    const float side = (mesh_.position(b) - mesh_.position(a)).norm();
+    length += side;
+    if (goes_on_beyond(a, b, out.views)) cracked += side;
+  }
+  out.crack_share = length > 0 ? cracked / length : 0;
+  return out;
+}
+
+bool CrackLoops::goes_on_beyond(std::uint32_t a, std::uint32_t b, std::span<const std::uint32_t> views) const {
+  const std::uint32_t t = mesh_.find(a, b);
+  const Eigen::Vector3f p = mesh_.position(a), q = mesh_.position(b);
+  const Eigen::Vector3f normal = mesh_.area_normal(t).stableNormalized().cast<float>();
+  const Eigen::Vector3f outward = (q - p).cross(normal).stableNormalized();
+  const Triangle& c = mesh_.triangle(t);
+  std::array<float, 3> sides;
+  for (std::size_t k = 0; k < 3; ++k) sides[k] = (mesh_.position(c[k]) - mesh_.position(c[(k + 1) % 3])).norm();
+  std::sort(sides.begin(), sides.end());
+  const Eigen::Vector3f beyond = 0.5f * (p + q) + kBeyond * sides[1] * outward;
+  const float error = std::max(noise_.error_m[a], noise_.error_m[b]);
+  return is_confirmed(witnesses_.ask(views, beyond, normal, error), std::max(noise_.sigma_m[a], noise_.sigma_m[b]));
+}
+
+// A view that is much less sure than those that measured the surroundings sees surface everywhere near one.
+bool CrackLoops::is_confirmed(const Hearing& hearing, float sigma_m) const {
+  return hearing.is_surface() && hearing.surface_sigma_m <= kMostSigma * sigma_m;
+}
+
+// Whether a view that can tell looked through a triangle, or none saw its middle.
+bool CrackLoops::is_contradicted(const Triangle& t, std::span<const std::uint32_t> views) const {
+  constexpr int kSteps = 4;
+  const Eigen::Vector3f normal = mesh_.area_normal(t).stableNormalized().cast<float>();
+  const float error = layers_.error_of(t);
+  for (int i = 1; i < kSteps; ++i)
+    for (int j = 1; i + j < kSteps; ++j) {
+      const Eigen::Vector3f p = (float(i) * mesh_.position(t[0]) + float(j) * mesh_.position(t[1]) +
+                                 float(kSteps - i - j) * mesh_.position(t[2])) /
+                                kSteps;
+      if (witnesses_.ask(views, p, normal, error).is_empty()) return true;
+    }
+  const Eigen::Vector3f middle = (mesh_.position(t[0]) + mesh_.position(t[1]) + mesh_.position(t[2])) / 3;
+  const float sigma = std::max({noise_.sigma_m[t[0]], noise_.sigma_m[t[1]], noise_.sigma_m[t[2]]});
+  return !is_confirmed(witnesses_.ask(views, middle, normal, error), sigma);
+}
+
+bool CrackLoops::is_open(const Loop& loop) const {
+  for (std::size_t i = 0; i < loop.size(); ++i)
+    if (!mesh_.is_open(loop[i], loop[(i + 1) % loop.size()])) return false;
+  return true;
+}
+
+bool CrackLoops::close_one(const Judged& judged, const TriangleRule& rule) {
+  std::pair key(rule.fold_cosine, in_order(judged.loop));
+  if (hopeless_.contains(key)) return false;
+  // The same triangles are asked about again and again while triangulations are tried.
+  std::map<Triangle, bool> known;
+  check_.set_condition([&](const Triangle& t) {
+    const auto [place, is_new] = known.try_emplace(t, false);
+    if (is_new) place->second = !is_contradicted(t, judged.views);
+    return place->second;
+  });
+  const bool is_closed = close_loop(mesh_, check_, judged.loop, LoopGoal::kArea, rule, TriangleTag::kSeam) ||
+                         widen_and_close(judged, rule);
+  check_.set_condition({});
+  if (!is_closed) hopeless_.insert(std::move(key));
+  return is_closed;
+}
+
+// Where a triangle at the border is folded into the hole, or lies across it, nothing fits in: what is around the hole
+// goes, ring by ring, until the larger hole can be closed.
+bool CrackLoops::widen_and_close(const Judged& judged, const TriangleRule& rule) {
+  std::vector<std::uint32_t> removed;
+  std::vector<Loop> outlines = {judged.loop};
+  const std::size_t first = mesh_.triangle_count();
+  for (int ring = 0; ring < kMostRings; ++ring) {
+    const std::size_t before = removed.size();
+    for (const Loop& outline : outlines)
+      for (std::size_t i = 0; i < outline.size(); ++i) {
+        const std::uint32_t t = mesh_.find(outline[i], outline[(i + 1) % outline.size()]);
+        if (t == kInvalidIndex) continue;  // it had two edges of the outline
+        mesh_.remove(t);
+        removed.push_back(t);
+      }
+    if (removed.size() == before) break;
+    outlines = outlines_of(removed);
+    if (outlines.empty()) break;
+    if (close_all(outlines, rule) && keeps_surface(removed, judged.views)) {
+      report_.triangles_replaced += removed.size();
+      return true;
+    }
+    take_back(first);
+  }
+  for (const std::uint32_t t : removed) mesh_.restore(t);
+  return false;
+}
+
+// Of the hole that is left when triangles are gone; none where one is too long.
+std::vector<Loop> CrackLoops::outlines_of(std::span<const std::uint32_t> removed) const {
+  std::vector<std::array<std::uint32_t, 2>> edges;
+  for (const std::uint32_t t : removed)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t a = mesh_.triangle(t)[k], b = mesh_.triangle(t)[(k + 1) % 3];
+      if (mesh_.is_open(b, a)) edges.push_back({b, a});
+    }
+  std::vector<Loop> outlines = trace_loops(mesh_, edges);
+  if (std::any_of(outlines.begin(), outlines.end(), [](const Loop& loop) { return loop.size() > kLongestOutline; }))
+    outlines.clear();
+  return outlines;
+}
+
+bool CrackLoops::close_all(std::span<const Loop> loops, const TriangleRule& rule) {
+  return std::all_of(loops.begin(), loops.end(), [&](const Loop& loop) {
+    return is_open(loop) && close_loop(mesh_, check_, loop, LoopGoal::kArea, rule, TriangleTag::kSeam);
+  });
+}
+
+// Whether what was taken away, as far as views measured it, has a surface where it was: thin parts must not go.
+bool CrackLoops::keeps_surface(std::span<const std::uint32_t> removed, std::span<const std::uint32_t> views) const {
+  double all = 0, lost = 0;
+  for (const std::uint32_t t : removed) {
+    if (is_contradicted(mesh_.triangle(t), views)) continue;
+    const double area = mesh_.area_normal(t).norm();
+    all += area;
+    if (!layers_.has_surface_at(mesh_.triangle(t))) lost += area;
+  }
+  return lost <= kMostLost * all;
+}
+
+void CrackLoops::take_back(std::size_t first) {
+  for (auto t = std::uint32_t(first); t < mesh_.triangle_count(); ++t)
+    if (mesh_.is_alive(t)) mesh_.remove(t);
+}
+
+void CrackLoops::fill_corners(const TriangleRule& rule) {
+  check_.set_condition([&](const Triangle& t) {
+    Eigen::AlignedBox3f box;
+    for (const std::uint32_t v : t) box.extend(mesh_.position(v));
+    return !is_contradicted(t, witnesses_.find_views(box.center(), 0.5f * box.diagonal().norm())) &&
+           !layers_.is_covered(t, Layers::Places::kSpread);
+  });
+  for (const Loop& loop : trace_loops(mesh_, open_edges(mesh_))) {
+    context_.throw_if_cancelled();
+    relieve(patches_.front());
+    if (is_open(loop)) report_.corners_filled += cut_ears(mesh_, check_, loop, rule, TriangleTag::kSeam);
+  }
+  check_.set_condition({});
+}
+
+}  // namespace lapseam

@@ -1,0 +1,66 @@
+#pragma once
+
+// Outlines of what is open although views measured a surface there, and triangles that close it.
+
+#include <map>
+#include <set>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "lapseam/close_cracks.h"
+#include "mend/layers.h"
+#include "mend/witnesses.h"
+#include "sew_meshes/loops.h"
+
+namespace lapseam {
+
+/// Of every vertex: how far it may be off along its normal, and the noise of its sample along its ray.
+struct VertexNoise {
+  std::span<const float> error_m, sigma_m;
+};
+
+/// Changes the mesh by removing and adding triangles, never vertices. What it is made of must outlive it. Same result
+/// for any number of threads.
+class CrackLoops {
+ public:
+  CrackLoops(LiveMesh& mesh, TriangleCheck& check, const Layers& layers, const Witnesses& witnesses,
+             std::span<const Patch> patches, VertexNoise noise, CloseCracksReport& report, Context& context);
+
+  /// Closes loops along most of which a view measured the surface going on.
+  void close(std::size_t longest, const TriangleRule& rule);
+  /// Fills corners of what is still open, where a view measured a surface.
+  void fill_corners(const TriangleRule& rule);
+
+ private:
+  /// A loop, the views that may see it, and along how much of it one of them measured the surface going on.
+  struct Judged {
+    Loop loop;
+    std::vector<std::uint32_t> views;
+    float crack_share = 0;
+  };
+
+  Judged judge(const Loop& loop) const;
+  bool goes_on_beyond(std::uint32_t a, std::uint32_t b, std::span<const std::uint32_t> views) const;
+  bool is_confirmed(const Hearing& hearing, float sigma_m) const;
+  bool is_contradicted(const Triangle& t, std::span<const std::uint32_t> views) const;
+  bool is_open(const Loop& loop) const;
+  bool close_one(const Judged& judged, const TriangleRule& rule);
+  bool widen_and_close(const Judged& judged, const TriangleRule& rule);
+  std::vector<Loop> outlines_of(std::span<const std::uint32_t> removed) const;
+  bool close_all(std::span<const Loop> loops, const TriangleRule& rule);
+  bool keeps_surface(std::span<const std::uint32_t> removed, std::span<const std::uint32_t> views) const;
+  void take_back(std::size_t first);
+
+  LiveMesh& mesh_;
+  TriangleCheck& check_;
+  const Layers& layers_;
+  const Witnesses& witnesses_;
+  std::span<const Patch> patches_;
+  VertexNoise noise_;
+  CloseCracksReport& report_;
+  Context& context_;
+  std::set<std::pair<double, Loop>> hopeless_;  // loops that could not be closed, and by which fold: membership only
+};
+
+}  // namespace lapseam

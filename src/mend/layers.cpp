@@ -1,0 +1,78 @@
+#include "mend/layers.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace lapseam {
+namespace {
+
+// Surfaces that face apart by more are two sides of a sheet, or meet in a crease.
+constexpr double kSameLayerCosine = 0.5;
+constexpr double kRegistrationFactor = 2;  // twice the median disagreement covers most of it
+
+// Weights of the corners; the middle first.
+constexpr std::array<std::array<double, 3>, 4> kPlaces = {{
+    {1.0 / 3, 1.0 / 3, 1.0 / 3},
+    {0.6, 0.2, 0.2},
+    {0.2, 0.6, 0.2},
+    {0.2, 0.2, 0.6},
+}};
+
+bool share_vertex(const Triangle& a, const Triangle& b) {
+  return std::any_of(a.begin(), a.end(), [&](std::uint32_t v) { return v == b[0] || v == b[1] || v == b[2]; });
+}
+
+Eigen::Vector3d place_on(const LiveMesh& mesh, const Triangle& t, const std::array<double, 3>& weights) {
+  Eigen::Vector3d place = Eigen::Vector3d::Zero();
+  for (std::size_t k = 0; k < 3; ++k) place += weights[k] * mesh.position(t[k]).cast<double>();
+  return place;
+}
+
+}  // namespace
+
+float Layers::error_of(const Triangle& t) const { return std::max({error_m_[t[0]], error_m_[t[1]], error_m_[t[2]]}); }
+
+double Layers::thickness_m(const Triangle& t) const {
+  return options_.noise_factor * double(error_of(t)) + kRegistrationFactor * options_.registration_error_m;
+}
+
+template <typename Accept>
+bool Layers::lies_at(const Eigen::Vector3d& place, double thickness_m, const Accept& accept) const {
+  Box box;
+  box.extend(place.cast<float>());
+  box.low.array() -= float(thickness_m);
+  box.high.array() += float(thickness_m);
+  for (const std::uint32_t s : check_.find_near(box)) {
+    const Triangle& t = mesh_.triangle(s);
+    const Eigen::Vector3d normal = mesh_.area_normal(t).stableNormalized();
+    if (!accept(t, normal)) continue;
+    const auto corner = [&](std::size_t k) -> Eigen::Vector3d { return mesh_.position(t[k % 3]).cast<double>(); };
+    if (std::abs(normal.dot(place - corner(0))) > thickness_m) continue;
+    bool is_over = true;
+    for (std::size_t k = 0; k < 3; ++k)
+      is_over &= normal.dot((corner(k + 1) - corner(k)).cross(place - corner(k))) >= 0;
+    if (is_over) return true;
+  }
+  return false;
+}
+
+bool Layers::is_covered(const Triangle& t, Places places) const {
+  const Eigen::Vector3d normal = mesh_.area_normal(t).stableNormalized();
+  const double thickness = thickness_m(t);
+  const std::size_t count = places == Places::kMiddle ? 1 : kPlaces.size();
+  for (std::size_t i = 0; i < count; ++i)
+    if (lies_at(place_on(mesh_, t, kPlaces[i]), thickness, [&](const Triangle& other, const Eigen::Vector3d& n) {
+          return !share_vertex(t, other) && n.dot(normal) >= kSameLayerCosine;
+        }))
+      return true;
+  return false;
+}
+
+bool Layers::has_surface_at(const Triangle& t) const {
+  return lies_at(place_on(mesh_, t, kPlaces[0]), thickness_m(t),
+                 [](const Triangle&, const Eigen::Vector3d&) { return true; });
+}
+
+}  // namespace lapseam

@@ -1,0 +1,46 @@
+#pragma once
+
+// Surface that lies over surface.
+
+#include <cstdint>
+#include <span>
+
+#include "lapseam/overlap.h"
+#include "sew_meshes/triangle_check.h"
+
+namespace lapseam {
+
+/// Answers are const and thread-safe while the mesh stays as it is. What it is made of must outlive it.
+class Layers {
+ public:
+  /// Where on a triangle it is asked what lies there.
+  enum class Places {
+    kMiddle,
+    kSpread,  ///< the middle, and three places towards the corners
+  };
+
+  /// error_m: per vertex, along its normal.
+  Layers(const LiveMesh& mesh, const TriangleCheck& check, std::span<const float> error_m,
+         const OverlapOptions& options)
+      : mesh_(mesh), check_(check), error_m_(error_m), options_(options) {}
+
+  /// Of the least certain corner.
+  float error_of(const Triangle& t) const;
+  /// Whether, at one of the places, a living triangle that faces alike and shares no vertex with this one is no farther
+  /// off than the noise of this one allows.
+  bool is_covered(const Triangle& t, Places places) const;
+  /// Whether any living triangle is where the middle of this one is.
+  bool has_surface_at(const Triangle& t) const;
+
+ private:
+  double thickness_m(const Triangle& t) const;
+  template <typename Accept>
+  bool lies_at(const Eigen::Vector3d& place, double thickness_m, const Accept& accept) const;
+
+  const LiveMesh& mesh_;
+  const TriangleCheck& check_;
+  std::span<const float> error_m_;
+  const OverlapOptions& options_;
+};
+
+}  // namespace lapseam
