@@ -48,12 +48,12 @@ CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const
   const Layers layers(live, check, error_m, options);
   CrackLoops cracks(live, check, layers, witnesses, patches, {error_m, sigma_m}, report, context);
 
-  // What lies over its neighbours by little more than an edge is better sewn than cut away; after that it goes too.
-  report.covered_triangles_removed = trim_double_layers(live, layers, Layers::Places::kMiddle, context);
+  report.covered_triangles_removed = trim_double_layers(live, layers, context);
   cracks.close(kLongestLoop, kRule);
   cracks.close(kLongestSlit, kSlitRule);
   cracks.fill_corners(kCornerRule);
-  report.covered_triangles_removed += trim_double_layers(live, layers, Layers::Places::kSpread, context);
+  // Where more surface has come, more of it lies over others.
+  report.covered_triangles_removed += trim_double_layers(live, layers, context);
   cracks.close(kLongestLoop, kRule);
   cracks.fill_corners(kCornerRule);
   const SeamShape::Changes changes = SeamShape(live, check, context).improve(0);

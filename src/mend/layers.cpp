@@ -39,40 +39,41 @@ double Layers::thickness_m(const Triangle& t) const {
 }
 
 template <typename Accept>
-bool Layers::lies_at(const Eigen::Vector3d& place, double thickness_m, const Accept& accept) const {
+bool Layers::lies_over(const Triangle& t, Places places, const Accept& accept) const {
+  const double thickness = thickness_m(t);
+  const std::size_t count = places == Places::kMiddle ? 1 : kPlaces.size();
+  std::array<Eigen::Vector3d, kPlaces.size()> at;
   Box box;
-  box.extend(place.cast<float>());
-  box.low.array() -= float(thickness_m);
-  box.high.array() += float(thickness_m);
-  for (const std::uint32_t s : check_.find_near(box)) {
-    const Triangle& t = mesh_.triangle(s);
-    const Eigen::Vector3d normal = mesh_.area_normal(t).stableNormalized();
-    if (!accept(t, normal)) continue;
-    const auto corner = [&](std::size_t k) -> Eigen::Vector3d { return mesh_.position(t[k % 3]).cast<double>(); };
-    if (std::abs(normal.dot(place - corner(0))) > thickness_m) continue;
-    bool is_over = true;
-    for (std::size_t k = 0; k < 3; ++k)
-      is_over &= normal.dot((corner(k + 1) - corner(k)).cross(place - corner(k))) >= 0;
-    if (is_over) return true;
+  for (std::size_t i = 0; i < count; ++i) {
+    at[i] = place_on(mesh_, t, kPlaces[i]);
+    box.extend(at[i].cast<float>());
   }
-  return false;
+  box.low.array() -= float(thickness);
+  box.high.array() += float(thickness);
+  return check_.is_any_near(box, [&](const Triangle& other) {
+    if (!accept(other)) return false;
+    const Eigen::Vector3d normal = mesh_.area_normal(other).stableNormalized();
+    const auto corner = [&](std::size_t k) -> Eigen::Vector3d { return mesh_.position(other[k % 3]).cast<double>(); };
+    return std::any_of(at.begin(), at.begin() + std::ptrdiff_t(count), [&](const Eigen::Vector3d& place) {
+      if (std::abs(normal.dot(place - corner(0))) > thickness) return false;
+      for (std::size_t k = 0; k < 3; ++k)
+        if (normal.dot((corner(k + 1) - corner(k)).cross(place - corner(k))) < 0) return false;
+      return true;
+    });
+  });
 }
 
 bool Layers::is_covered(const Triangle& t, Places places) const {
   const Eigen::Vector3d normal = mesh_.area_normal(t).stableNormalized();
-  const double thickness = thickness_m(t);
-  const std::size_t count = places == Places::kMiddle ? 1 : kPlaces.size();
-  for (std::size_t i = 0; i < count; ++i)
-    if (lies_at(place_on(mesh_, t, kPlaces[i]), thickness, [&](const Triangle& other, const Eigen::Vector3d& n) {
-          return !share_vertex(t, other) && n.dot(normal) >= kSameLayerCosine;
-        }))
-      return true;
-  return false;
+  return lies_over(t, places, [&](const Triangle& other) {
+    if (share_vertex(t, other)) return false;
+    const Eigen::Vector3d n = mesh_.area_normal(other);
+    return n.dot(normal) >= kSameLayerCosine * n.norm();
+  });
 }
 
 bool Layers::has_surface_at(const Triangle& t) const {
-  return lies_at(place_on(mesh_, t, kPlaces[0]), thickness_m(t),
-                 [](const Triangle&, const Eigen::Vector3d&) { return true; });
+  return lies_over(t, Places::kMiddle, [](const Triangle&) { return true; });
 }
 
 }  // namespace lapseam

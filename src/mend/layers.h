@@ -35,7 +35,7 @@ class Layers {
  private:
   double thickness_m(const Triangle& t) const;
   template <typename Accept>
-  bool lies_at(const Eigen::Vector3d& place, double thickness_m, const Accept& accept) const;
+  bool lies_over(const Triangle& t, Places places, const Accept& accept) const;
 
   const LiveMesh& mesh_;
   const TriangleCheck& check_;

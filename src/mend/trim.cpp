@@ -16,8 +16,7 @@ constexpr int kMostRings = 8;
 
 class Trimmer {
  public:
-  Trimmer(LiveMesh& mesh, const Layers& layers, Layers::Places places)
-      : mesh_(mesh), layers_(layers), places_(places) {}
+  Trimmer(LiveMesh& mesh, const Layers& layers) : mesh_(mesh), layers_(layers) {}
 
   std::uint64_t run(Context& context) {
     std::vector<std::uint32_t> front;
@@ -41,7 +40,7 @@ class Trimmer {
     return mesh_.is_on_border(c[0]) || mesh_.is_on_border(c[1]) || mesh_.is_on_border(c[2]);
   }
 
-  bool is_covered(std::uint32_t t) const { return layers_.is_covered(mesh_.triangle(t), places_); }
+  bool is_covered(std::uint32_t t) const { return layers_.is_covered(mesh_.triangle(t), Layers::Places::kMiddle); }
 
   // Of two that lie over each other the surer stays. Returns what borders on the removed ones.
   std::vector<std::uint32_t> remove(std::vector<std::uint32_t>& doomed, std::uint64_t& removed) {
@@ -67,13 +66,12 @@ class Trimmer {
 
   LiveMesh& mesh_;
   const Layers& layers_;
-  Layers::Places places_;
 };
 
 }  // namespace
 
-std::uint64_t trim_double_layers(LiveMesh& mesh, const Layers& layers, Layers::Places places, Context& context) {
-  return Trimmer(mesh, layers, places).run(context);
+std::uint64_t trim_double_layers(LiveMesh& mesh, const Layers& layers, Context& context) {
+  return Trimmer(mesh, layers).run(context);
 }
 
 }  // namespace lapseam

@@ -119,9 +119,7 @@ bool TriangleCheck::is_clear(const Triangle& t, const TriangleRule& rule) const 
   Box box = box_of(mesh_, t);
   box.low.array() -= rule.layer_m;
   box.high.array() += rule.layer_m;
-  return !boxes_.find(box, [&](std::uint32_t id) {
-    if (!mesh_.is_alive(id)) return false;
-    const Triangle& s = mesh_.triangle(id);
+  return !is_any_near(box, [&](const Triangle& s) {
     if (do_triangles_cross(mesh_.positions(), t, s)) return true;
     return rule.layer_m > 0 && does_overlap(t, s, normal, rule);
   });

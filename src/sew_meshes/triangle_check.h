@@ -40,6 +40,12 @@ class TriangleCheck {
   bool is_clear(const Triangle& t, const TriangleRule& rule) const;
   /// Whether the triangle fits its edges: free half-edges, area, shape, folds, facing.
   bool does_fit(const Triangle& t, const TriangleRule& rule) const;
+  /// Calls visit(triangle) for living triangles whose boxes overlap the box, in any order, until it returns true;
+  /// returns whether it did.
+  template <class Visit>
+  bool is_any_near(const Box& box, const Visit& visit) const {
+    return boxes_.find(box, [&](std::uint32_t id) { return mesh_.is_alive(id) && visit(mesh_.triangle(id)); });
+  }
   /// Living triangles whose boxes overlap the box.
   std::vector<std::uint32_t> find_near(const Box& box) const;
   /// Adds a triangle to the mesh and to what is searched.
