@@ -11,6 +11,7 @@
 #include "lapseam/io.h"
 #include "lapseam/smooth.h"
 #include "lapseam/survey.h"
+#include "output_check.h"
 
 namespace lapseam::tool {
 namespace {
@@ -28,9 +29,7 @@ struct EvaluateArguments {
 
 // Refused before the work starts, not after it.
 void check_json_file(const std::filesystem::path& file) {
-  if (file.empty() || file == "-") return;
-  const auto folder = file.has_parent_path() ? file.parent_path() : std::filesystem::path(".");
-  if (!std::filesystem::is_directory(folder)) throw IoError(folder, "no such folder");
+  if (!file.empty() && file != "-") check_folder_of(file);
 }
 
 void write_json(const std::string& file, const std::string& json) {

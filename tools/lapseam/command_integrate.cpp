@@ -7,6 +7,7 @@
 #include "lapseam/integrate.h"
 #include "lapseam/io.h"
 #include "noise_plot.h"
+#include "output_check.h"
 #include "texture_arguments.h"
 
 namespace lapseam::tool {
@@ -23,15 +24,6 @@ struct IntegrateArguments {
   std::string temporary;
 };
 
-// Refused before the work starts, not after it.
-void check_output(const std::filesystem::path& output) {
-  const std::string ending = output.extension().string();
-  if (ending != ".ply" && ending != ".glb" && ending != ".obj" && ending != ".stl")
-    throw CLI::ValidationError("--output", "must end in .ply, .glb, .obj or .stl: " + output.string());
-  const auto folder = output.has_parent_path() ? output.parent_path() : std::filesystem::path(".");
-  if (!std::filesystem::is_directory(folder)) throw IoError(folder, "no such folder");
-}
-
 // The picture of the noise lies beside the report: report.json, report-noise.svg.
 void write_report(const std::filesystem::path& file, const IntegrateReport& report, const Context& context) {
   write_text(file, to_json(report, context) + "\n");
@@ -47,7 +39,7 @@ void write_report(const std::filesystem::path& file, const IntegrateReport& repo
 }
 
 void run(const IntegrateArguments& arguments) {
-  check_output(arguments.output);
+  check_mesh_output(arguments.output);
   check_texture_output(arguments.texture, arguments.output);
   const std::unique_ptr<Context> context = make_context(arguments.common);
   const Scene scene = read_scene(arguments.scene, {.skip_bad_views = arguments.skip_bad_views}, *context);

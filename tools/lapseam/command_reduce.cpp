@@ -7,6 +7,7 @@
 #include "lapseam/error.h"
 #include "lapseam/io.h"
 #include "lapseam/reduce.h"
+#include "output_check.h"
 
 namespace lapseam::tool {
 namespace {
@@ -21,16 +22,11 @@ struct ReduceArguments {
 
 // Refused before the work starts, not after it.
 void check(const ReduceArguments& arguments) {
-  const std::filesystem::path output = arguments.output;
-  const std::string ending = output.extension().string();
-  if (ending != ".ply" && ending != ".glb" && ending != ".obj" && ending != ".stl")
-    throw CLI::ValidationError("--output", "must end in .ply, .glb, .obj or .stl: " + output.string());
+  check_mesh_output(arguments.output);
   if (!(std::isfinite(arguments.ratio) && arguments.ratio >= 0 && arguments.ratio <= 1))
     throw CLI::ValidationError("--ratio", fmt::format("must be between 0 and 1: {}", arguments.ratio));
   if (!(std::isfinite(arguments.max_error_mm) && arguments.max_error_mm >= 0))
     throw CLI::ValidationError("--max-error", fmt::format("must be a length in mm: {}", arguments.max_error_mm));
-  const auto folder = output.has_parent_path() ? output.parent_path() : std::filesystem::path(".");
-  if (!std::filesystem::is_directory(folder)) throw IoError(folder, "no such folder");
 }
 
 void run(const ReduceArguments& arguments) {

@@ -13,6 +13,7 @@
 #include "lapseam/error.h"
 #include "lapseam/io.h"
 #include "lapseam/render.h"
+#include "output_check.h"
 
 namespace lapseam::tool {
 namespace {
@@ -146,8 +147,7 @@ std::filesystem::path numbered(const std::filesystem::path& file, int number) {
 void check_arguments(const RenderArguments& arguments) {
   const std::filesystem::path output = arguments.output;
   if (output.extension() != ".png") throw CLI::ValidationError("--output", "must end in .png: " + arguments.output);
-  const auto folder = output.has_parent_path() ? output.parent_path() : std::filesystem::path(".");
-  if (!std::filesystem::is_directory(folder)) throw IoError(folder, "no such folder");
+  check_folder_of(output);
   parse_size(arguments, {0, 0});
   if (arguments.eye.empty()) {
     parse_orbit(arguments);

@@ -11,6 +11,7 @@
 #include "lapseam/io.h"
 #include "lapseam/sew_meshes.h"
 #include "lapseam/version.h"
+#include "output_check.h"
 
 namespace lapseam::tool {
 namespace {
@@ -21,15 +22,6 @@ struct SewArguments {
   std::string output, report;
   double overlap_distance_m = 0, fill_holes_m = 0;
 };
-
-// Refused before the work starts, not after it.
-void check_output(const std::filesystem::path& output) {
-  const std::string ending = output.extension().string();
-  if (ending != ".ply" && ending != ".glb" && ending != ".obj" && ending != ".stl")
-    throw CLI::ValidationError("--output", "must end in .ply, .glb, .obj or .stl: " + output.string());
-  const auto folder = output.has_parent_path() ? output.parent_path() : std::filesystem::path(".");
-  if (!std::filesystem::is_directory(folder)) throw IoError(folder, "no such folder");
-}
 
 /// An error about "mesh 2" means more with the name of its file.
 std::vector<Mesh> read_inputs(const std::vector<std::string>& files, Context& context) {
@@ -59,7 +51,7 @@ void write_report(const SewArguments& arguments, const SewMeshesReport& sewn, co
 }
 
 void run(const SewArguments& arguments) {
-  check_output(arguments.output);
+  check_mesh_output(arguments.output);
   const std::unique_ptr<Context> context = make_context(arguments.common);
   SewMeshesReport sewn;
   FillHolesReport filled;

@@ -8,6 +8,7 @@
 #include "lapseam/error.h"
 #include "lapseam/io.h"
 #include "lapseam/survey.h"
+#include "output_check.h"
 #include "texture_arguments.h"
 
 namespace lapseam::tool {
@@ -19,15 +20,6 @@ struct Arguments {
   std::string mesh, scene, output, report;
   int hold_out = 0;
 };
-
-// Refused before the work starts, not after it.
-void check_output(const std::filesystem::path& output) {
-  const std::string ending = output.extension().string();
-  if (ending != ".ply" && ending != ".glb" && ending != ".obj")
-    throw CLI::ValidationError("--output", "must end in .ply, .glb or .obj: " + output.string());
-  const auto folder = output.has_parent_path() ? output.parent_path() : std::filesystem::path(".");
-  if (!std::filesystem::is_directory(folder)) throw IoError(folder, "no such folder");
-}
 
 void write_report(const std::string& file, const TextureReport& report, const Context& context) {
   nlohmann::ordered_json json;
@@ -47,7 +39,7 @@ void check_provenance(const Mesh& mesh, const Scene& scene, const std::string& f
 }
 
 void run(const Arguments& arguments) {
-  check_output(arguments.output);
+  check_mesh_output(arguments.output, MeshOutput::kTextured);
   check_texture_output(arguments.texture, arguments.output);
   const std::unique_ptr<Context> context = make_context(arguments.common);
   Scene scene = read_scene(arguments.scene, {}, *context);

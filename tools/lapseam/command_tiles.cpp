@@ -28,8 +28,7 @@ void run(const TilesArguments& arguments) {
 void add_tiles_command(CLI::App& app) {
   auto arguments = std::make_shared<TilesArguments>();
   CLI::App* command = app.add_subcommand("tiles", "Write a mesh as a 3D Tiles tileset: GLB files, coarse to fine");
-  command->add_option("mesh", arguments->mesh, "PLY, OBJ or GLB; vertices get the colours of a texture")
-      ->required();
+  command->add_option("mesh", arguments->mesh, "PLY, OBJ or GLB; vertices get the colours of a texture")->required();
   command->add_option("-o,--output", arguments->output, "A folder: tileset.json and tiles/*.glb")->required();
   command->add_option("--max-triangles", arguments->options.max_triangles, "Largest number of triangles in a tile")
       ->check(CLI::Range(std::uint64_t(1000), std::uint64_t(10'000'000)))

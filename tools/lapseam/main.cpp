@@ -187,8 +187,8 @@ int run_and_report(int argc, char** argv) {
 
 int main(int argc, char** argv) {
 #ifdef __GLIBC__
-  // Large arrays come and go: each returns to the system at once, which the allocator would learn not to do. A sixth less
-  // memory at the peak of integration.
+  // Large arrays come and go: each returns to the system at once, which the allocator would learn not to do. A sixth
+  // less memory at the peak of integration.
   constexpr int kLarge = 256 * 1024;
   mallopt(M_MMAP_THRESHOLD, kLarge);
   mallopt(M_TRIM_THRESHOLD, kLarge);
