@@ -39,6 +39,9 @@ struct TextureReport {
   std::uint64_t observations = 0;              ///< that exposures were estimated from
   double lowest_gain = 1, highest_gain = 1;    ///< of the views, mean of the channels
   double color_residual_before = 0, color_residual_after = 0;  ///< median, as a share of the colour
+  /// Colour steps at borders of images within charts, levels: equalized alone, and with what levelling has left.
+  double inner_step_before = 0, inner_step_before_p95 = 0;
+  double inner_step_after = 0, inner_step_after_p95 = 0;
 
   /// Of the pages' pixels, those that triangles show.
   double fill() const { return page_pixels > 0 ? double(used_pixels) / double(page_pixels) : 0; }
@@ -58,8 +61,8 @@ TextureReport texture(Mesh& mesh, std::span<const ViewSource> sources, const Tex
 /// As JSON text.
 std::string to_json(const TextureReport& report);
 
-/// The colour that the texture has at each vertex (mean over its triangles). Vertices of untextured triangles alone keep
-/// the mesh's colours; where it has none, they take those around them, mid grey where nothing is around.
+/// The colour that the texture has at each vertex (mean over its triangles). Vertices of untextured triangles alone
+/// keep the mesh's colours; where it has none, they take those around them, mid grey where nothing is around.
 std::vector<Rgb8> vertex_colors(const Mesh& mesh, Context& context);
 
 /// Gives the mesh these colours.
