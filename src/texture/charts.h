@@ -19,7 +19,7 @@ class Context;
 inline constexpr int kBlock_px = 8;
 
 /// Surface laid out as one image, or a smaller copy of it, has it, moved by whole pixels so that it owns few blocks of
-/// the page. Its pixels come from that image and from others.
+/// the page, and turned by quarters. Its pixels come from that image and from others.
 struct Chart {
   std::uint32_t view = 0;                  ///< whose image it is laid out as
   float scale = 1;                         ///< pixels of the chart per pixel of the image
@@ -30,8 +30,17 @@ struct Chart {
   std::vector<std::uint32_t> triangles{};  ///< in increasing order
   std::vector<std::uint32_t> parts{};      ///< views whose images it shows, in increasing order
 
-  int x0() const { return place.x * kBlock_px; }
-  int y0() const { return place.y * kBlock_px; }
+  /// Of a pixel of the chart, its place on the page.
+  template <typename T>
+  std::pair<T, T> on_page(T x, T y) const {
+    const auto [u, v] = turn(x, y, T(shape.width * kBlock_px), T(shape.height * kBlock_px), place.turns);
+    return {u + T(place.x * kBlock_px), v + T(place.y * kBlock_px)};
+  }
+  template <typename Page>
+  auto& pixel(Page& page, int x, int y) const {
+    const auto [u, v] = on_page(x, y);
+    return page.at(u, v);
+  }
   bool owns(int x, int y) const {  ///< pixel of the chart
     return shape.used[std::size_t(y / kBlock_px) * std::size_t(shape.width) + std::size_t(x / kBlock_px)] != 0;
   }

@@ -18,9 +18,9 @@ namespace {
 // Pixels of a page that a pixel of border costs: padding for mip level 3, and for whole blocks, on either side.
 constexpr float kPadding = 12;
 // What a pixel costs by being laid out e times coarser than its image has it; one finer costs the pixels that are more.
-constexpr float kCoarser = 2;
+constexpr float kCoarser = 1;
 // No direction of an image becomes coarser than this, and no pixel more than this many.
-constexpr float kLeastDensity = 0.7f, kMostPixels = 2;
+constexpr float kLeastDensity = 0.5f, kMostPixels = 4;
 constexpr int kCycles = 2;
 // How far a frame can go at once beyond what it has: over all of a small region, and along the rim of a large one,
 // which has its image for a reason. Without it, cuts would be over whole scenes.

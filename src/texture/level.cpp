@@ -135,7 +135,7 @@ struct Levelling::Impl {
 
   /// Mark of a chart's pixel.
   std::uint16_t mark_at(const Chart& chart, int x, int y) const {
-    return (*map)[std::size_t(chart.place.page)].at(chart.x0() + x, chart.y0() + y);
+    return chart.pixel((*map)[std::size_t(chart.place.page)], x, y);
   }
 
   // ---- samples
@@ -208,7 +208,7 @@ struct Levelling::Impl {
     const std::array<float, 4> weights = bilinear(c);
     Eigen::Vector3f sum = Eigen::Vector3f::Zero();
     for (std::size_t k = 0; k < 4; ++k) {
-      const Rgb8 p = page.at(chart.x0() + c.x + int(k % 2), chart.y0() + c.y + int(k / 2));
+      const Rgb8 p = chart.pixel(page, c.x + int(k % 2), c.y + int(k / 2));
       sum += weights[k] * Eigen::Vector3f(float(p.r), float(p.g), float(p.b));
     }
     return sum;

@@ -108,7 +108,7 @@ void for_own_pixels(const std::array<Eigen::Vector2f, 3>& p, const Visit& visit)
 void mark_parts(const Charts& charts, const Chart& chart, PartMap& map) {
   const auto mark = [&](std::uint32_t i) {
     for_own_pixels(charts.pixels[i], [&](int x, int y, float, float, bool is_inside) {
-      std::uint16_t& pixel = map.at(chart.x0() + x, chart.y0() + y);
+      std::uint16_t& pixel = chart.pixel(map, x, y);
       const auto part = std::uint16_t(charts.part_of_triangle[i] + 1);
       if (is_inside)
         pixel = part;
@@ -127,7 +127,7 @@ void paint_triangle(const Mesh& mesh, const Charts& charts, std::uint32_t triang
   const Triangle& t = mesh.triangles[triangle];
   const auto part = std::uint16_t(charts.part_of_triangle[triangle] + 1);
   for_own_pixels(charts.pixels[triangle], [&](int x, int y, float b1, float b2, bool is_inside) {
-    std::uint16_t& mark = map.at(chart.x0() + x, chart.y0() + y);
+    std::uint16_t& mark = chart.pixel(map, x, y);
     if ((mark & kPartBits) != part || is_used(mark) != is_inside) return;
     Eigen::Vector2f at = chart.to_image({float(x), float(y)});
     if (charts.is_resampled[triangle]) {
@@ -137,14 +137,14 @@ void paint_triangle(const Mesh& mesh, const Charts& charts, std::uint32_t triang
     } else if (chart.scale == 1) {
       at = {std::round(at.x()), std::round(at.y())};  // no weight for neighbours
     }
-    page.at(chart.x0() + x, chart.y0() + y) = to_rgb8(photograph.color_at(at, 1 / chart.scale));
+    chart.pixel(page, x, y) = to_rgb8(photograph.color_at(at, 1 / chart.scale));
     if (photograph.depth.is_fringe(at)) mark |= kNearStepBit;
   });
 }
 
 std::uint64_t fill_unused(const Chart& chart, PartMap& map, ColorImage& page) {
-  const auto pixel = [&](int x, int y) -> Rgb8& { return page.at(chart.x0() + x, chart.y0() + y); };
-  const auto mark = [&](int x, int y) -> std::uint16_t& { return map.at(chart.x0() + x, chart.y0() + y); };
+  const auto pixel = [&](int x, int y) -> Rgb8& { return chart.pixel(page, x, y); };
+  const auto mark = [&](int x, int y) -> std::uint16_t& { return chart.pixel(map, x, y); };
   std::uint64_t replaced = 0;
   Image<std::uint8_t> is_done(chart.shape.width * kBlock_px, chart.shape.height * kBlock_px);
   const auto fill_from = [&](const auto& is_source, int farthest) {
@@ -169,7 +169,7 @@ std::uint64_t fill_unused(const Chart& chart, PartMap& map, ColorImage& page) {
 
 void correct_chart(const Chart& chart, const Correction& correction, ColorImage& page) {
   for_owned_pixels(chart, [&](int x, int y) {
-    Rgb8& pixel = page.at(chart.x0() + x, chart.y0() + y);
+    Rgb8& pixel = chart.pixel(page, x, y);
     pixel = to_rgb8(to_vector(pixel) + correction.at(x, y));
   });
 }

@@ -385,10 +385,11 @@ class Texturing {
       const Chart& chart = charts_.charts[c];
       const ColorImage& page = mesh_.pages[std::size_t(chart.place.page)];
       mesh_.triangle_page[i] = std::uint32_t(chart.place.page);
-      for (Eigen::Vector2f& p : mesh_.texcoords[i])
+      for (Eigen::Vector2f& p : mesh_.texcoords[i]) {
+        const auto [x, y] = chart.on_page(p.x(), p.y());
         // Pixel centres are at integers, texture coordinates measure from the page's edge.
-        p = {(p.x() + float(chart.x0()) + 0.5f) / float(page.width),
-             (p.y() + float(chart.y0()) + 0.5f) / float(page.height)};
+        p = {(x + 0.5f) / float(page.width), (y + 0.5f) / float(page.height)};
+      }
     }
   }
 
