@@ -6,9 +6,6 @@
 namespace lapseam {
 namespace {
 
-// A fringe is replaced by pixels that are at most this far; beyond, there is nothing better than it.
-constexpr int kFarthestReplacement_px = 12;
-
 constexpr std::array<std::pair<int, int>, 8> kAround = {
     {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {-1, 1}, {1, -1}, {-1, -1}}};
 
@@ -142,7 +139,7 @@ void paint_triangle(const Mesh& mesh, const Charts& charts, std::uint32_t triang
   });
 }
 
-std::uint64_t fill_unused(const Chart& chart, PartMap& map, ColorImage& page) {
+std::uint64_t fill_unused(const Chart& chart, int fringe_px, PartMap& map, ColorImage& page) {
   const auto pixel = [&](int x, int y) -> Rgb8& { return chart.pixel(page, x, y); };
   const auto mark = [&](int x, int y) -> std::uint16_t& { return chart.pixel(map, x, y); };
   std::uint64_t replaced = 0;
@@ -161,7 +158,8 @@ std::uint64_t fill_unused(const Chart& chart, PartMap& map, ColorImage& page) {
         });
   };
   const int all = (chart.shape.width + chart.shape.height) * kBlock_px;
-  fill_from([](std::uint16_t m) { return is_used(m) && !(m & kNearStepBit); }, kFarthestReplacement_px);
+  fill_from([](std::uint16_t m) { return is_used(m) && !(m & kNearStepBit); },
+            std::max(1, int(std::ceil(float(fringe_px) * chart.scale))));
   fill_from(is_used, all);
   fill_from([](std::uint16_t m) { return m != 0; }, all);  // where triangles lie between pixels
   return replaced;

@@ -43,9 +43,10 @@ void mark_parts(const Charts& charts, const Chart& chart, PartMap& map);
 void paint_triangle(const Mesh& mesh, const Charts& charts, std::uint32_t triangle, const Photograph& photograph,
                     PartMap& map, ColorImage& page);
 
-/// Gives pixels near a jump of depth the colour of the nearest clean one of the chart, where there is one not far, then
-/// those in no triangle that of the nearest used one, whose part they join. The number of the former.
-std::uint64_t fill_unused(const Chart& chart, PartMap& map, ColorImage& page);
+/// Gives pixels near a jump of depth the colour of the nearest clean one of the chart, where there is one within
+/// `fringe_px` of the image: beyond the fringe of one jump there are others all around, and nothing is better than what
+/// is there. Then those in no triangle that of the nearest used one, whose part they join. The number of the former.
+std::uint64_t fill_unused(const Chart& chart, int fringe_px, PartMap& map, ColorImage& page);
 
 /// What is added to a chart's pixels; see level.h.
 using Correction = Image<Eigen::Vector3f>;

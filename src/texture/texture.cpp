@@ -317,7 +317,7 @@ class Texturing {
     parallel_for(context_, charts_.charts.size(), 1, [&](std::size_t c) {
       const Chart& chart = charts_.charts[c];
       const auto page = std::size_t(chart.place.page);
-      replaced[c] = fill_unused(chart, map_[page], mesh_.pages[page]);
+      replaced[c] = fill_unused(chart, depths_[chart.view].fringe_px, map_[page], mesh_.pages[page]);
     });
     for (std::size_t c = 0; c < replaced.size(); ++c)
       if (!charts_.charts[c].is_scattered) report_.fringe_pixels += replaced[c];
