@@ -48,14 +48,15 @@ struct TextureReport {
 };
 
 /// Gives each triangle coordinates in one of the images that show it wholly and unoccluded, and packs what is used of
-/// all images into pages: pixels are copied, not resampled, unless a limit, or a large triangle under perspective,
-/// demands it. Charts of triangles as small as pixels that would fill little of the blocks they own get vertex colours
-/// instead. Triangles that no image shows have no page either, and are marked as unseen; their vertex colours continue
-/// those around them. `sources[i]` is view i of the mesh's provenance; views without colour are no candidates,
-/// those with several images are one for each. The mesh's
-/// provenance stays as it is; without it, any view may show any triangle. Images are decoded at most twice, one per
-/// thread at a time; memory otherwise: the pages, and about 100 bytes a triangle. The same bytes for any number of
-/// threads. Throws InvalidInput when a limit cannot be met, and what load_color throws.
+/// all images into pages: pixels are copied, not resampled, unless a limit, a large triangle under perspective, or a
+/// place in the chart of another image, which saves the padding between the two, demands it. Charts of triangles as
+/// small as pixels that would fill little of the blocks they own get vertex colours instead. Triangles that no image
+/// shows have no page either, and are marked as unseen; their vertex colours continue those around them. `sources[i]`
+/// is view i of the mesh's provenance; views without colour are no candidates, those with several images are one for
+/// each. The mesh's provenance stays as it is; without it, any view may show any triangle. Images are decoded at most
+/// twice, one per thread at a time; memory otherwise: five bytes for each pixel of the pages, and about 100 bytes a
+/// triangle. The same bytes for any number of threads. Throws InvalidInput when a limit cannot be met, and what
+/// load_color throws.
 TextureReport texture(Mesh& mesh, std::span<const ViewSource> sources, const TextureOptions& options, Context& context);
 
 /// As JSON text.
