@@ -69,6 +69,7 @@ class FrameChoice {
       : mesh_(mesh), cells_(cells), cameras_(cameras), view_(view), frame_(view), context_(context) {
     facets_.resize(cells.count());
     area_px_.assign(cells.count(), 0);
+    density_px_.assign(cells.count(), 0);
     is_slender_.assign(cells.count(), 0);
     for (std::uint32_t c = 0; c < cells.count(); ++c)
       if (view[c] != kInvalidIndex) measure(c);
@@ -81,7 +82,6 @@ class FrameChoice {
     for (int cycle = 0; cycle < kCycles; ++cycle) {
       // Large frames first.
       std::vector<double> area_px(cameras_.size(), 0);
-      std::vector<std::vector<std::uint32_t>> members(cameras_.size());
       for (std::uint32_t c = 0; c < frame_.size(); ++c)
         if (frame_[c] != kInvalidIndex) area_px[frame_[c]] += double(area_px_[c]);
       std::vector<std::uint32_t> order(cameras_.size());
@@ -118,16 +118,20 @@ class FrameChoice {
     const float step_m = 0.5f * std::sqrt(facet.area_m2);
     facet.along_m = step_m * facet.normal.unitOrthogonal();
     facet.across_m = facet.normal.cross(facet.along_m);
-    float longest_px = 0;
+    float longest_px = 0, longest_m = 0;
     for (const std::uint32_t i : cells_.of(c)) {
       std::array<Eigen::Vector2f, 3> p;
       if (!lay_out(i, *cameras_[view_[c]], p)) continue;
       const Eigen::Vector2f ab = p[1] - p[0], ac = p[2] - p[0];
       area_px_[c] += 0.5f * std::abs(ab.x() * ac.y() - ab.y() * ac.x());
       longest_px = std::max({longest_px, ab.norm(), ac.norm(), (ac - ab).norm()});
+      const auto q = corners_of(i);
+      longest_m = std::max({longest_m, (q[1] - q[0]).norm(), (q[2] - q[0]).norm(), (q[2] - q[1]).norm()});
     }
     area_px_[c] = std::max(area_px_[c], 1e-6f);
     is_slender_[c] = 2 * area_px_[c] < kSlender_px * longest_px;
+    // The area of a sliver tells little.
+    density_px_[c] = is_slender_[c] ? longest_px / longest_m : std::sqrt(area_px_[c] / facet.area_m2);
   }
 
   /// Of the steps on the facet, the steps in the image.
@@ -148,10 +152,8 @@ class FrameChoice {
     std::transform(area_px_.begin(), area_px_.end(), is_shown.begin(), [](float a) { return std::uint8_t(a > 0); });
     borders_ = find_borders(mesh_, cells_, edges, is_shown);
     for (const CellBorder& border : borders_.all)
-      padding_px_.push_back(kPadding * border.length_m * 0.5f * (density_px(border.a) + density_px(border.b)));
+      padding_px_.push_back(kPadding * border.length_m * 0.5f * (density_px_[border.a] + density_px_[border.b]));
   }
-
-  float density_px(std::uint32_t c) const { return std::sqrt(area_px_[c] / facets_[c].area_m2); }
 
   /// Lets one frame take over any of the cells that lie next to its own, and next to these, such that the sum falls the
   /// most.
@@ -249,15 +251,15 @@ class FrameChoice {
       const auto corners = corners_of(i);
       const Eigen::Vector3f normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
       if (!is_slender_[c] && !(normal.dot(corners[0] - camera.ray_origin(p[0])) < 0)) return false;
-      bool is_free = true;
+      bool is_clear = true;
       if (!is_slender_[c])
-        for_pixels(p, -kHair_px, [&](int x, int y, float, float) { is_free = is_free && canvas.at(x, y) == 0; });
-      const float tolerance_m = kSameSurface_px / density_px(c);
+        for_pixels(p, -kHair_px, [&](int x, int y, float, float) { is_clear = is_clear && canvas.at(x, y) == 0; });
+      const float tolerance_m = kSameSurface_px / density_px_[c];
       for (std::size_t k = 0; k < 3; ++k) {
         const float there_m = canvas.at(int(std::lround(p[k].x())), int(std::lround(p[k].y())));
-        is_free = is_free && (there_m == 0 || std::abs(there_m - distance_m(corners[k], p[k], camera)) < tolerance_m);
+        is_clear = is_clear && (there_m == 0 || std::abs(there_m - distance_m(corners[k], p[k], camera)) < tolerance_m);
       }
-      if (!is_free) return false;
+      if (!is_clear) return false;
     }
     return true;
   }
@@ -282,7 +284,8 @@ class FrameChoice {
   std::vector<std::uint32_t> frame_;
   Context& context_;
   std::vector<Facet> facets_;
-  std::vector<float> area_px_;  // in the image that a cell shows; 0: left alone
+  std::vector<float> area_px_;     // in the image that a cell shows; 0: left alone
+  std::vector<float> density_px_;  // there, pixels per metre
   std::vector<std::uint8_t> is_slender_;
   std::vector<float> cost_;  // of the frame that a cell has
   CellBorders borders_;
