@@ -61,7 +61,11 @@ std::string to_json(const TextureReport& t) {
                      {"lowest_gain", t.lowest_gain},
                      {"highest_gain", t.highest_gain},
                      {"color_residual_before_percent", 100 * t.color_residual_before},
-                     {"color_residual_after_percent", 100 * t.color_residual_after}};
+                     {"color_residual_after_percent", 100 * t.color_residual_after},
+                     {"inner_step_before", t.inner_step_before},
+                     {"inner_step_before_p95", t.inner_step_before_p95},
+                     {"inner_step_after", t.inner_step_after},
+                     {"inner_step_after_p95", t.inner_step_after_p95}};
   return json.dump();
 }
 

@@ -39,27 +39,31 @@ struct TextureReport {
   std::uint64_t observations = 0;              ///< that exposures were estimated from
   double lowest_gain = 1, highest_gain = 1;    ///< of the views, mean of the channels
   double color_residual_before = 0, color_residual_after = 0;  ///< median, as a share of the colour
+  /// Colour steps at borders of images within charts, levels: equalized alone, and with what levelling has left.
+  double inner_step_before = 0, inner_step_before_p95 = 0;
+  double inner_step_after = 0, inner_step_after_p95 = 0;
 
   /// Of the pages' pixels, those that triangles show.
   double fill() const { return page_pixels > 0 ? double(used_pixels) / double(page_pixels) : 0; }
 };
 
 /// Gives each triangle coordinates in one of the images that show it wholly and unoccluded, and packs what is used of
-/// all images into pages: pixels are copied, not resampled, unless a limit, or a large triangle under perspective,
-/// demands it. Charts of triangles as small as pixels that would fill little of the blocks they own get vertex colours
-/// instead. Triangles that no image shows have no page either, and are marked as unseen; their vertex colours continue
-/// those around them. `sources[i]` is view i of the mesh's provenance; views without colour are no candidates,
-/// those with several images are one for each. The mesh's
-/// provenance stays as it is; without it, any view may show any triangle. Images are decoded at most twice, one per
-/// thread at a time; memory otherwise: the pages, and about 100 bytes a triangle. The same bytes for any number of
-/// threads. Throws InvalidInput when a limit cannot be met, and what load_color throws.
+/// all images into pages: pixels are copied, not resampled, unless a limit, a large triangle under perspective, or a
+/// place in the chart of another image, which saves the padding between the two, demands it. Charts of triangles as
+/// small as pixels that would fill little of the blocks they own get vertex colours instead. Triangles that no image
+/// shows have no page either, and are marked as unseen; their vertex colours continue those around them. `sources[i]`
+/// is view i of the mesh's provenance; views without colour are no candidates, those with several images are one for
+/// each. The mesh's provenance stays as it is; without it, any view may show any triangle. Images are decoded at most
+/// twice, one per thread at a time; memory otherwise: five bytes for each pixel of the pages, and about 100 bytes a
+/// triangle. The same bytes for any number of threads. Throws InvalidInput when a limit cannot be met, and what
+/// load_color throws.
 TextureReport texture(Mesh& mesh, std::span<const ViewSource> sources, const TextureOptions& options, Context& context);
 
 /// As JSON text.
 std::string to_json(const TextureReport& report);
 
-/// The colour that the texture has at each vertex (mean over its triangles). Vertices of untextured triangles alone keep
-/// the mesh's colours; where it has none, they take those around them, mid grey where nothing is around.
+/// The colour that the texture has at each vertex (mean over its triangles). Vertices of untextured triangles alone
+/// keep the mesh's colours; where it has none, they take those around them, mid grey where nothing is around.
 std::vector<Rgb8> vertex_colors(const Mesh& mesh, Context& context);
 
 /// Gives the mesh these colours.

@@ -50,7 +50,7 @@ void drop_texture(Mesh& mesh) {
   mesh.texcoords = {};
   mesh.triangle_page = {};
   mesh.pages = {};
-  mesh.is_unseen = {};
+  // is_unseen stays: the colours of vertices are made up there too.
 }
 
 Mesh compact(const Mesh& mesh, const std::vector<std::uint8_t>& keep) {

@@ -1,6 +1,7 @@
 #include "texture/cells.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 
 namespace lapseam {
 namespace {
@@ -50,6 +51,39 @@ Cells take_apart(const Cells& cells, const std::vector<std::uint8_t>& is_marked)
       if (is_marked[c]) out.begin.push_back(std::uint32_t(out.triangles.size()));
     }
     if (!is_marked[c]) out.begin.push_back(std::uint32_t(out.triangles.size()));
+  }
+  return out;
+}
+
+CellBorders find_borders(const Mesh& mesh, const Cells& cells, const std::vector<SharedEdge>& edges,
+                         const std::vector<std::uint8_t>& is_marked) {
+  const std::vector<std::uint32_t> cell = cell_of_triangles(cells);
+  CellBorders out;
+  for (const SharedEdge& edge : edges) {
+    const std::uint32_t a = std::min(cell[edge.a], cell[edge.b]), b = std::max(cell[edge.a], cell[edge.b]);
+    if (a == b || !is_marked[a] || !is_marked[b]) continue;
+    const Triangle& t = mesh.triangles[edge.a];
+    out.all.push_back(
+        {a, b, (mesh.positions_m[t[edge.corner_a]] - mesh.positions_m[t[(edge.corner_a + 1u) % 3]]).norm()});
+  }
+  std::stable_sort(out.all.begin(), out.all.end(),
+                   [](const CellBorder& x, const CellBorder& y) { return x.a != y.a ? x.a < y.a : x.b < y.b; });
+  std::size_t kept = 0;
+  for (const CellBorder& border : out.all) {
+    if (kept > 0 && out.all[kept - 1].a == border.a && out.all[kept - 1].b == border.b)
+      out.all[kept - 1].length_m += border.length_m;
+    else
+      out.all[kept++] = border;
+  }
+  out.all.resize(kept);
+  out.begin.assign(cells.count() + 1, 0);
+  for (const CellBorder& border : out.all) ++out.begin[border.a + 1], ++out.begin[border.b + 1];
+  for (std::size_t i = 0; i < cells.count(); ++i) out.begin[i + 1] += out.begin[i];
+  out.numbers.resize(2 * out.all.size());
+  std::vector<std::uint32_t> next(out.begin.begin(), out.begin.end() - 1);
+  for (std::uint32_t e = 0; e < out.all.size(); ++e) {
+    out.numbers[next[out.all[e].a]++] = e;
+    out.numbers[next[out.all[e].b]++] = e;
   }
   return out;
 }

@@ -55,13 +55,13 @@ void for_blocks(const Corners& p, const Visit& visit) {
 bool project_triangle(const std::array<Eigen::Vector3f, 3>& corners_m, const ColorCamera& camera, Corners& p,
                       bool& is_affine) {
   for (std::size_t k = 0; k < 3; ++k)
-    if (!camera.project(corners_m[k], p[k])) return false;
+    if (!camera.project_beyond(corners_m[k], p[k])) return false;
   if (camera.wraps()) unwrap(p, camera.width());
   is_affine = true;
   for (std::size_t k = 0; k < 3; ++k) {
     Eigen::Vector2f middle;
     const std::size_t next = (k + 1) % 3;
-    if (!camera.project(0.5f * (corners_m[k] + corners_m[next]), middle)) return false;
+    if (!camera.project_beyond(0.5f * (corners_m[k] + corners_m[next]), middle)) return false;
     Eigen::Vector2f off = middle - 0.5f * (p[k] + p[next]);
     if (camera.wraps()) off.x() -= float(camera.width()) * std::round(off.x() / float(camera.width()));
     is_affine = is_affine && off.norm() <= kAffine_px;
@@ -77,8 +77,10 @@ class Sheet {
         scale_(scale),
         is_scattered_(is_scattered),
         page_blocks_(page_blocks),
-        columns_((camera.wraps() ? 2 : 1) * blocks(camera.width()) + 2 * kMargin),
-        rows_(blocks(camera.height()) + 2 * kMargin) {}
+        margin_x_(kMargin + blocks(camera.margin_x())),
+        margin_y_(kMargin + blocks(camera.margin_y())),
+        columns_((camera.wraps() ? 2 : 1) * blocks(camera.width()) + 2 * margin_x_),
+        rows_(blocks(camera.height()) + 2 * margin_y_) {}
 
   void add(std::uint32_t triangle) { triangles_.push_back(triangle); }
 
@@ -104,10 +106,8 @@ class Sheet {
       const bool is_large = b[2] - b[0] >= page_blocks_ || b[3] - b[1] >= page_blocks_;
       const Eigen::Vector2f middle = (pixels[i][0] + pixels[i][1] + pixels[i][2]) / 3;
       const float tile_px = 0.5f * float(page_blocks_ * kBlock_px);
-      const auto tile = [&](float x, int from) {
-        return is_large ? int((x - float((from - kMargin) * kBlock_px)) / tile_px) : 0;
-      };
-      pieces[{root, tile(middle.x(), b[0]), tile(middle.y(), b[1])}].push_back(i);
+      const auto tile = [&](float x, int from) { return is_large ? int((x - float(from * kBlock_px)) / tile_px) : 0; };
+      pieces[{root, tile(middle.x(), b[0] - margin_x_), tile(middle.y(), b[1] - margin_y_)}].push_back(i);
     }
     std::vector<Chart> charts;
     for (auto& [key, triangles] : pieces) split(std::move(triangles), pixels, charts);
@@ -117,8 +117,8 @@ class Sheet {
  private:
   int blocks(int size_px) const { return int(std::ceil(float(size_px) * scale_ / float(kBlock_px))); }
   std::uint32_t index(int u, int v) const {
-    u = std::clamp(u + kMargin, 0, columns_ - 1);
-    v = std::clamp(v + kMargin, 0, rows_ - 1);
+    u = std::clamp(u + margin_x_, 0, columns_ - 1);
+    v = std::clamp(v + margin_y_, 0, rows_ - 1);
     return std::uint32_t(v) * std::uint32_t(columns_) + std::uint32_t(u);
   }
 
@@ -132,8 +132,8 @@ class Sheet {
 
   void extend(std::array<int, 4>& box, const Corners& p) const {
     for_blocks(p, [&](int u, int v) {
-      box = {std::min(box[0], u + kMargin), std::min(box[1], v + kMargin), std::max(box[2], u + kMargin),
-             std::max(box[3], v + kMargin)};
+      box = {std::min(box[0], u + margin_x_), std::min(box[1], v + margin_y_), std::max(box[2], u + margin_x_),
+             std::max(box[3], v + margin_y_)};
     });
   }
 
@@ -279,7 +279,7 @@ class Sheet {
     chart.view = view_;
     chart.scale = scale_;
     chart.is_scattered = is_scattered_;
-    const int u0 = box[0] - kMargin, v0 = box[1] - kMargin;
+    const int u0 = box[0] - margin_x_, v0 = box[1] - margin_y_;
     chart.corner_px = {u0 * kBlock_px, v0 * kBlock_px};
     chart.shape.width = box[2] - box[0] + 1;
     chart.shape.height = box[3] - box[1] + 1;
@@ -296,6 +296,7 @@ class Sheet {
   float scale_;
   bool is_scattered_;
   int page_blocks_;
+  int margin_x_, margin_y_;  // blocks left of and above the image
   int columns_, rows_;
   std::vector<std::uint32_t> triangles_;
 };
@@ -367,6 +368,15 @@ class ScatterSearch {
   std::vector<std::uint32_t> readers_;
 };
 
+void find_parts(Charts& charts, Chart& chart) {
+  for (const std::uint32_t i : chart.triangles) chart.parts.push_back(charts.view_of_triangle[i]);
+  std::sort(chart.parts.begin(), chart.parts.end());
+  chart.parts.erase(std::unique(chart.parts.begin(), chart.parts.end()), chart.parts.end());
+  for (const std::uint32_t i : chart.triangles)
+    charts.part_of_triangle[i] = std::uint16_t(
+        std::lower_bound(chart.parts.begin(), chart.parts.end(), charts.view_of_triangle[i]) - chart.parts.begin());
+}
+
 }  // namespace
 
 std::vector<std::uint8_t> find_scattered(const Charts& charts, const std::vector<std::uint32_t>& root) {
@@ -375,28 +385,30 @@ std::vector<std::uint8_t> find_scattered(const Charts& charts, const std::vector
   return is_scattered;
 }
 
-Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, std::span<const std::uint32_t> view_of_triangle,
-                   std::span<const float> scale_of_triangle, std::span<const std::uint8_t> is_scattered,
-                   int page_blocks, Context& context) {
+Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, const std::vector<std::uint32_t>& view_of_triangle,
+                   std::span<const std::uint32_t> frame_of_triangle, std::span<const float> scale_of_triangle,
+                   std::span<const std::uint8_t> is_scattered, int page_blocks, Context& context) {
   Charts out;
+  out.view_of_triangle = view_of_triangle;
+  out.part_of_triangle.assign(mesh.triangle_count(), 0);
   out.pixels.resize(mesh.triangle_count());
   out.chart_of_triangle.assign(mesh.triangle_count(), kInvalidIndex);
   out.is_resampled.assign(mesh.triangle_count(), 0);
   std::vector<std::uint8_t> is_seen(mesh.triangle_count(), 0);
   parallel_for(context, mesh.triangle_count(), 16384, [&](std::size_t i) {
-    if (view_of_triangle[i] == kInvalidIndex) return;
+    if (frame_of_triangle[i] == kInvalidIndex) return;
     const Triangle& t = mesh.triangles[i];
     bool is_affine = false;
     Corners& p = out.pixels[i];
     is_seen[i] = project_triangle({mesh.positions_m[t[0]], mesh.positions_m[t[1]], mesh.positions_m[t[2]]},
-                                  *cameras[view_of_triangle[i]], p, is_affine);
-    out.is_resampled[i] = !is_affine;
+                                  *cameras[frame_of_triangle[i]], p, is_affine);
+    out.is_resampled[i] = !is_affine || frame_of_triangle[i] != view_of_triangle[i];
     for (Eigen::Vector2f& q : p) q = ((q.array() + 0.5f) * scale_of_triangle[i] - 0.5f).matrix();
   });
   std::map<std::tuple<std::uint32_t, float, bool>, Sheet> sheets;
   for (std::uint32_t i = 0; i < mesh.triangle_count(); ++i)
     if (is_seen[i]) {
-      const std::uint32_t view = view_of_triangle[i];
+      const std::uint32_t view = frame_of_triangle[i];
       const float scale = scale_of_triangle[i];
       const bool is_apart = !is_scattered.empty() && is_scattered[i];
       sheets.try_emplace({view, scale, is_apart}, view, scale, is_apart, *cameras[view], page_blocks)
@@ -410,8 +422,10 @@ Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, std::span<cons
     for (Chart& chart : some) out.charts.push_back(std::move(chart));
   std::sort(out.charts.begin(), out.charts.end(),
             [](const Chart& a, const Chart& b) { return a.triangles.front() < b.triangles.front(); });
-  for (std::uint32_t c = 0; c < out.charts.size(); ++c)
+  for (std::uint32_t c = 0; c < out.charts.size(); ++c) {
     for (const std::uint32_t i : out.charts[c].triangles) out.chart_of_triangle[i] = c;
+    find_parts(out, out.charts[c]);
+  }
   return out;
 }
 

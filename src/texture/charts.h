@@ -18,18 +18,29 @@ class Context;
 /// blocks: neither mixes charts.
 inline constexpr int kBlock_px = 8;
 
-/// Pixels of one image, or of a smaller copy of it, moved by whole pixels so that it owns few blocks of the page.
+/// Surface laid out as one image, or a smaller copy of it, has it, moved by whole pixels so that it owns few blocks of
+/// the page, and turned by quarters. Its pixels come from that image and from others.
 struct Chart {
-  std::uint32_t view = 0;
+  std::uint32_t view = 0;                  ///< whose image it is laid out as
   float scale = 1;                         ///< pixels of the chart per pixel of the image
   Eigen::Vector2i corner_px{0, 0};         ///< where its first pixel lies in the scaled image
   BlockShape shape;                        ///< blocks that it owns
   BlockPlace place;                        ///< page, and blocks there
   bool is_scattered = false;               ///< see find_scattered
   std::vector<std::uint32_t> triangles{};  ///< in increasing order
+  std::vector<std::uint32_t> parts{};      ///< views whose images it shows, in increasing order
 
-  int x0() const { return place.x * kBlock_px; }
-  int y0() const { return place.y * kBlock_px; }
+  /// Of a pixel of the chart, its place on the page.
+  template <typename T>
+  std::pair<T, T> on_page(T x, T y) const {
+    const auto [u, v] = turn(x, y, T(shape.width * kBlock_px), T(shape.height * kBlock_px), place.turns);
+    return {u + T(place.x * kBlock_px), v + T(place.y * kBlock_px)};
+  }
+  template <typename Page>
+  auto& pixel(Page& page, int x, int y) const {
+    const auto [u, v] = on_page(x, y);
+    return page.at(u, v);
+  }
   bool owns(int x, int y) const {  ///< pixel of the chart
     return shape.used[std::size_t(y / kBlock_px) * std::size_t(shape.width) + std::size_t(x / kBlock_px)] != 0;
   }
@@ -46,16 +57,20 @@ struct Charts {
   std::vector<Chart> charts;
   std::vector<std::uint32_t> chart_of_triangle;        ///< kInvalidIndex: no image shows it
   std::vector<std::array<Eigen::Vector2f, 3>> pixels;  ///< corners of each triangle in its chart
-  std::vector<std::uint8_t> is_resampled;  ///< the image of the triangle is no affine copy of it, to a quarter pixel
+  std::vector<std::uint32_t> view_of_triangle;         ///< whose image it shows
+  std::vector<std::uint16_t> part_of_triangle;         ///< place of that in its chart's parts
+  /// The triangle shows another image than it is laid out in, or one that is no affine copy of it, to a quarter pixel.
+  std::vector<std::uint8_t> is_resampled;
 };
 
-/// view_of_triangle: kInvalidIndex for none. scale_of_triangle: over 0 to 1, the same for all of a region. Triangles of
-/// one view and scale whose blocks meet share a chart; what is larger than a page is cut. Every block that a texture
-/// lookup at a point of a triangle reads at mip levels 0 to 3 (bilinear in each) is owned. Numbered by first triangle.
-/// Triangles that are scattered (empty: none) share charts with each other alone.
-Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, std::span<const std::uint32_t> view_of_triangle,
-                   std::span<const float> scale_of_triangle, std::span<const std::uint8_t> is_scattered,
-                   int page_blocks, Context& context);
+/// view_of_triangle: whose image it shows, kInvalidIndex for none; frame_of_triangle: as whose image it is laid out.
+/// scale_of_triangle: over 0 to 1, the same for all of a region. Triangles of one frame and scale whose blocks meet
+/// share a chart; what is larger than a page is cut. Every block that a texture lookup at a point of a triangle reads
+/// at mip levels 0 to 3 (bilinear in each) is owned. Numbered by first triangle. Triangles that are scattered (empty:
+/// none) share charts with each other alone.
+Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, const std::vector<std::uint32_t>& view_of_triangle,
+                   std::span<const std::uint32_t> frame_of_triangle, std::span<const float> scale_of_triangle,
+                   std::span<const std::uint8_t> is_scattered, int page_blocks, Context& context);
 
 /// Of each triangle, whether its region (root: of each triangle) would fill little of the blocks that are owned for it
 /// alone, while its triangles are so small that colours of its vertices show as much.

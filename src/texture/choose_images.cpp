@@ -55,11 +55,6 @@ class Labelling {
   }
 
  private:
-  struct Border {
-    std::uint32_t a, b;
-    float cost;  // where the images agree
-  };
-
   void start_with_best(std::size_t i) {
     const std::span<const Candidate> list = candidates_.of(i);
     float lowest = 3e38f;
@@ -67,46 +62,16 @@ class Labelling {
       if (list[k].cost < lowest) lowest = list[k].cost, slot_[i] = k;
   }
 
-  /// Borders of cells, and for each cell those that it has.
   void join_cells(const Mesh& mesh, const Cells& cells, const std::vector<SharedEdge>& edges) {
-    const std::vector<std::uint32_t> cell = cell_of_triangles(cells);
-    for (const SharedEdge& edge : edges) {
-      const std::uint32_t a = std::min(cell[edge.a], cell[edge.b]), b = std::max(cell[edge.a], cell[edge.b]);
-      if (a == b || slot_[a] == kNoSlot || slot_[b] == kNoSlot) continue;
-      const Triangle& t = mesh.triangles[edge.a];
-      const float length_m =
-          (mesh.positions_m[t[edge.corner_a]] - mesh.positions_m[t[(edge.corner_a + 1u) % 3]]).norm();
-      borders_.push_back(
-          {a, b, kBorderCost * length_m * 0.5f * (candidates_.density_px[a] + candidates_.density_px[b])});
-    }
-    std::stable_sort(borders_.begin(), borders_.end(),
-                     [](const Border& x, const Border& y) { return x.a != y.a ? x.a < y.a : x.b < y.b; });
-    std::size_t kept = 0;
-    for (const Border& border : borders_) {
-      if (kept > 0 && borders_[kept - 1].a == border.a && borders_[kept - 1].b == border.b)
-        borders_[kept - 1].cost += border.cost;
-      else
-        borders_[kept++] = border;
-    }
-    borders_.resize(kept);
-    side_begin_.assign(slot_.size() + 1, 0);
-    for (const Border& border : borders_) ++side_begin_[border.a + 1], ++side_begin_[border.b + 1];
-    for (std::size_t i = 0; i < slot_.size(); ++i) side_begin_[i + 1] += side_begin_[i];
-    sides_.resize(2 * borders_.size());
-    std::vector<std::uint32_t> next(side_begin_.begin(), side_begin_.end() - 1);
-    for (std::uint32_t e = 0; e < borders_.size(); ++e) {
-      sides_[next[borders_[e].a]++] = e;
-      sides_[next[borders_[e].b]++] = e;
-    }
+    std::vector<std::uint8_t> is_seen(slot_.size());
+    std::transform(slot_.begin(), slot_.end(), is_seen.begin(),
+                   [](std::uint8_t k) { return std::uint8_t(k != kNoSlot); });
+    borders_ = find_borders(mesh, cells, edges, is_seen);
+    for (const CellBorder& border : borders_.all)
+      border_cost_.push_back(kBorderCost * border.length_m * 0.5f *
+                             (candidates_.density_px[border.a] + candidates_.density_px[border.b]));
   }
 
-  std::span<const std::uint32_t> sides(std::uint32_t i) const {
-    return {sides_.data() + side_begin_[i], sides_.data() + side_begin_[i + 1]};
-  }
-
-  std::uint32_t other_side(std::uint32_t cell, std::uint32_t e) const {
-    return borders_[e].a == cell ? borders_[e].b : borders_[e].a;
-  }
   std::uint32_t view_of(std::uint32_t i, std::uint8_t slot) const { return candidates_.of(i)[slot].view; }
 
   void list_cells() {
@@ -136,8 +101,8 @@ class Labelling {
       const std::uint32_t i = active[k];
       const std::span<const Candidate> list = candidates_.of(i);
       cut.add_cost(k, double(weight_[i] * (list[new_slot[k]].cost - list[slot_[i]].cost)));
-      for (const std::uint32_t e : sides(i)) {
-        const std::uint32_t other = other_side(i, e), m = node_[other];
+      for (const std::uint32_t e : borders_.of(i)) {
+        const std::uint32_t other = borders_.across(i, e), m = node_[other];
         if (m == kInvalidIndex)
           cut.add_cost(k, double(pair_cost(e, i, new_slot[k], other, slot_[other]) -
                                  pair_cost(e, i, slot_[i], other, slot_[other])));
@@ -182,7 +147,7 @@ class Labelling {
     if (view == other_view) return 0;
     const float here = difference(i, slot, other_view), there = difference(other, other_slot, view);
     const float d = here < 0 && there < 0 ? kUnknownDifference : std::max(here, there);
-    return borders_[e].cost * (1 + d / kDifference);
+    return border_cost_[e] * (1 + d / kDifference);
   }
 
   std::vector<std::uint32_t> labels() const {
@@ -195,7 +160,7 @@ class Labelling {
   /// Root of each cell's connected region of one image.
   std::vector<std::uint32_t> regions() const {
     DisjointSets sets(slot_.size());
-    for (const Border& border : borders_)
+    for (const CellBorder& border : borders_.all)
       if (view_of(border.a, slot_[border.a]) == view_of(border.b, slot_[border.b])) sets.unite(border.a, border.b);
     std::vector<std::uint32_t> root(slot_.size(), kInvalidIndex);
     for (std::uint32_t i = 0; i < root.size(); ++i)
@@ -226,8 +191,8 @@ class Labelling {
     const std::uint32_t own = view_of(region.front(), slot_[region.front()]);
     std::map<std::uint32_t, float> saved;  // border with each other view
     for (const std::uint32_t i : region)
-      for (const std::uint32_t e : sides(i)) {
-        const std::uint32_t other = other_side(i, e);
+      for (const std::uint32_t e : borders_.of(i)) {
+        const std::uint32_t other = borders_.across(i, e);
         if (slot_[other] != kNoSlot && view_of(other, slot_[other]) != own)
           saved[view_of(other, slot_[other])] += pair_cost(e, i, slot_[i], other, slot_[other]);
       }
@@ -259,8 +224,8 @@ class Labelling {
   Context& context_;
   std::vector<std::uint8_t> slot_;
   const std::vector<float>& weight_;  // pixels of the best image
-  std::vector<Border> borders_;
-  std::vector<std::uint32_t> side_begin_, sides_;                      // borders of each cell
+  CellBorders borders_;
+  std::vector<float> border_cost_;                                     // where the images agree
   std::map<std::uint32_t, std::vector<std::uint32_t>> cells_of_view_;  // that it is a candidate of
   std::vector<std::uint32_t> node_;                                    // of each cell in the cut at hand
 };

@@ -21,11 +21,20 @@ ColorCamera::ColorCamera(const ViewSource& source, const Eigen::Vector3d& mesh_o
 }
 
 bool ColorCamera::project(const Eigen::Vector3f& position_m, Eigen::Vector2f& pixel) const {
+  return project_within(position_m, 0, 0, pixel);
+}
+
+bool ColorCamera::project_beyond(const Eigen::Vector3f& position_m, Eigen::Vector2f& pixel) const {
+  return project_within(position_m, margin_x(), margin_y(), pixel);
+}
+
+bool ColorCamera::project_within(const Eigen::Vector3f& position_m, int margin_x, int margin_y,
+                                 Eigen::Vector2f& pixel) const {
   const auto out = lapseam::project(camera_, T_color_mesh_ * position_m.cast<double>());
   if (!out || !(out->r > 0)) return false;
   pixel = {float(out->u), float(out->v)};
-  return pixel.x() >= -0.5f && pixel.x() <= float(width_) - 0.5f && pixel.y() >= -0.5f &&
-         pixel.y() <= float(height_) - 0.5f;
+  return pixel.x() >= -0.5f - float(margin_x) && pixel.x() <= float(width_ + margin_x) - 0.5f &&
+         pixel.y() >= -0.5f - float(margin_y) && pixel.y() <= float(height_ + margin_y) - 0.5f;
 }
 
 Eigen::Vector3f ColorCamera::ray_origin(const Eigen::Vector2f& pixel) const {

@@ -18,6 +18,8 @@ class ColorCamera {
 
   /// Position in the image, in pixels. False when the camera cannot see it.
   bool project(const Eigen::Vector3f& position_m, Eigen::Vector2f& pixel) const;
+  /// The same, as if the image went on by margins to all sides.
+  bool project_beyond(const Eigen::Vector3f& position_m, Eigen::Vector2f& pixel) const;
   /// Where the ray of a pixel begins, and its unit direction.
   Eigen::Vector3f ray_origin(const Eigen::Vector2f& pixel) const;
   Eigen::Vector3f ray_direction(const Eigen::Vector2f& pixel) const;
@@ -27,12 +29,16 @@ class ColorCamera {
   int width() const { return width_; }
   int height() const { return height_; }
   bool wraps() const { return wraps_; }
+  /// Pixels; 0 for what is no pinhole camera.
+  int margin_x() const { return std::holds_alternative<PinholeSensor>(camera_) ? width_ / 2 : 0; }
+  int margin_y() const { return std::holds_alternative<PinholeSensor>(camera_) ? height_ / 2 : 0; }
   /// Distance from the middle of the image over half of its diagonal, squared: what vignetting depends on. 0 for all
   /// of a camera that is no pinhole.
   float squared_radius(const Eigen::Vector2f& pixel) const;
 
  private:
   void find_cone();
+  bool project_within(const Eigen::Vector3f& position_m, int margin_x, int margin_y, Eigen::Vector2f& pixel) const;
 
   const Sensor& camera_;
   Eigen::Isometry3d T_color_mesh_, T_mesh_color_;

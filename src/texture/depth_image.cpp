@@ -95,6 +95,7 @@ DepthImage render_depth(const ColorCamera& camera, const RayScene& scene, int st
   const float fringe_px = kBlur_px + std::min(float(fringe_m) / pixel_m, 16.0f);
   // A jump is marked on both of its sides already.
   const int radius = std::max(0, int(std::ceil(fringe_px / float(stride))) - 1);
+  out.fringe_px = (radius + 1) * stride;
   out.is_near_step = dilate(find_jumps(out.distance_m, angle * float(stride), camera.wraps()), radius);
   return out;
 }

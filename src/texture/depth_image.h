@@ -12,6 +12,7 @@ namespace lapseam {
 struct DepthImage {
   int stride = 1;
   Image<float> distance_m;           ///< along the ray; infinite where it meets nothing
+  int fringe_px = 0;                 ///< how far from a jump, at most, pixels are near it
   Image<std::uint8_t> is_near_step;  ///< within the fringe of a jump: the colour may be that of the other side
 
   int cell(float pixel) const { return int((pixel + 0.5f) / float(stride)); }

@@ -38,14 +38,22 @@ struct Footprint {
 };
 
 struct Place {
-  std::uint32_t chart;
-  Eigen::Vector2f at;  // pixel of the chart
+  std::uint32_t chart, part;  // part: of all charts
+  Eigen::Vector2f at;         // pixel of the chart
 };
 
 struct SeamSample {
   std::array<Place, 2> side;
   std::array<Footprint, 2> pixels;
   Eigen::Vector3f step;  // what the second side is brighter
+
+  bool is_inner() const { return side[0].chart == side[1].chart; }
+};
+
+/// A side of a sample within a chart.
+struct InnerSide {
+  std::uint32_t sample, side;
+  Eigen::Vector3f point_m;
 };
 
 struct Cell {
@@ -63,62 +71,186 @@ std::array<float, 4> bilinear(const Cell& c) {
   return {(1 - c.fx) * (1 - c.fy), c.fx * (1 - c.fy), (1 - c.fx) * c.fy, c.fx * c.fy};
 }
 
-/// The grid of one chart: nodes at multiples of kNode_px, those that no owned block touches left out.
+/// The grid of one part: nodes at multiples of kNode_px in its chart, those around which it has no pixel left out.
 struct NodeGrid {
   int columns = 0, rows = 0;
   std::vector<std::uint32_t> node;  // kInvalidIndex: left out
 };
 
+Levelling::Steps quantiles(std::vector<double> steps) {
+  if (steps.empty()) return {};
+  std::sort(steps.begin(), steps.end());
+  return {steps[steps.size() / 2], steps[steps.size() * 95 / 100]};
+}
+
 }  // namespace
 
 struct Levelling::Impl {
+  const Mesh& mesh;
   const Charts& charts;
-  std::vector<NodeGrid> grids;
+  const std::vector<ColorImage>* pages = nullptr;
+  const std::vector<PartMap>* map = nullptr;
+  std::vector<std::uint32_t> first_part;  // of each chart, among those of all
+  std::vector<NodeGrid> grids;            // of each part
   std::size_t node_count = 0;
   std::vector<SeamSample> samples;
+  std::vector<std::vector<InnerSide>> inner_sides;  // of each view
+  std::vector<std::array<Eigen::Vector3f, 2>> inner_colors;
   std::vector<Eigen::Vector3f> offset;    // of each node
   std::vector<std::uint64_t> slot_pixel;  // chart << 32 | pixel of the chart, sorted
   std::vector<Eigen::Vector3f> slot_value;
+  Steps inner_before, inner_after;
 
-  Impl(const Mesh& mesh, const Charts& all, const std::vector<SharedEdge>& edges, const ColorCameras& cameras,
-       std::span<const ColorResponse> responses, const std::vector<ColorImage>& pages, Context& context)
-      : charts(all) {
+  Impl(const Mesh& m, const Charts& all, const std::vector<SharedEdge>& edges) : mesh(m), charts(all) {
+    std::uint32_t parts = 0;
+    for (const Chart& chart : charts.charts) {
+      first_part.push_back(parts);
+      parts += std::uint32_t(chart.parts.size());
+    }
+    find_samples(edges);
+    // Not known yet.
+    inner_colors.assign(samples.size(), {Eigen::Vector3f::Constant(-1), Eigen::Vector3f::Constant(-1)});
+  }
+
+  void solve(Context& context) {
+    parallel_for(context, samples.size(), 4096, [&](std::size_t i) { measure(i); });
+    inner_colors.clear();
+    drop_unknown();
     make_grids();
-    find_samples(mesh, edges);
-    parallel_for(context, samples.size(), 4096, [&](std::size_t i) {
-      const auto color = [&](const Place& place) { return color_at(place, cameras, responses, pages); };
-      samples[i].step = color(samples[i].side[1]) - color(samples[i].side[0]);
-    });
+    inner_before = inner_steps([](const SeamSample& sample) { return sample.step; });
     solve_offsets(context);
     spread_rest(context);
+    inner_after = inner_steps([&](const SeamSample& sample) {
+      return Eigen::Vector3f(rest_of(sample) + local_at(sample.pixels[1]) - local_at(sample.pixels[0]));
+    });
+  }
+
+  template <typename StepOf>
+  Steps inner_steps(const StepOf& step_of) const {
+    std::vector<double> steps;
+    for (const SeamSample& sample : samples)
+      if (sample.is_inner()) steps.push_back(double(step_of(sample).norm()) / std::sqrt(3.0));
+    return quantiles(std::move(steps));
+  }
+
+  /// Mark of a chart's pixel.
+  std::uint16_t mark_at(const Chart& chart, int x, int y) const {
+    return chart.pixel((*map)[std::size_t(chart.place.page)], x, y);
+  }
+
+  // ---- samples
+
+  void find_samples(const std::vector<SharedEdge>& edges) {
+    std::uint32_t views = 0;
+    for (const std::uint32_t view : charts.view_of_triangle)
+      if (view != kInvalidIndex) views = std::max(views, view + 1);
+    inner_sides.resize(views);
+    const auto part = [&](std::uint32_t i) {
+      return first_part[charts.chart_of_triangle[i]] + charts.part_of_triangle[i];
+    };
+    for (const SharedEdge& edge : edges) {
+      const std::uint32_t a = charts.chart_of_triangle[edge.a], b = charts.chart_of_triangle[edge.b];
+      if (a == kInvalidIndex || b == kInvalidIndex || part(edge.a) == part(edge.b)) continue;
+      const auto &pa = charts.pixels[edge.a], &pb = charts.pixels[edge.b];
+      const std::size_t a0 = edge.corner_a, a1 = (a0 + 1) % 3;
+      std::size_t b0 = edge.corner_b, b1 = (b0 + 1) % 3;
+      if (mesh.triangles[edge.b][b0] != mesh.triangles[edge.a][a0]) std::swap(b0, b1);
+      const Eigen::Vector3f from_m = mesh.positions_m[mesh.triangles[edge.a][a0]];
+      const Eigen::Vector3f along_m = mesh.positions_m[mesh.triangles[edge.a][a1]] - from_m;
+      const float length_px = std::max((pa[a1] - pa[a0]).norm(), (pb[b1] - pb[b0]).norm());
+      const int count = std::max(1, int(std::ceil(length_px / kSampleSpacing_px)));
+      for (int k = 0; k < count; ++k) {
+        const float t = (float(k) + 0.5f) / float(count);
+        const auto number = std::uint32_t(samples.size());
+        samples.push_back({{Place{a, part(edge.a), pa[a0] + t * (pa[a1] - pa[a0])},
+                            Place{b, part(edge.b), pb[b0] + t * (pb[b1] - pb[b0])}},
+                           {},
+                           Eigen::Vector3f::Zero()});
+        if (a != b) continue;
+        inner_sides[charts.view_of_triangle[edge.a]].push_back({number, 0, from_m + t * along_m});
+        inner_sides[charts.view_of_triangle[edge.b]].push_back({number, 1, from_m + t * along_m});
+      }
+    }
+  }
+
+  /// Where a jump of depth is near, the page shows something else, or what an image shows is not the surface.
+  void look(std::uint32_t view, const Photograph& photograph) {
+    if (view >= inner_sides.size()) return;
+    for (const InnerSide& inner : inner_sides[view]) {
+      Eigen::Vector2f pixel;
+      if (!photograph.camera.project(inner.point_m, pixel) || photograph.depth.is_fringe(pixel)) continue;
+      const Chart& chart = charts.charts[samples[inner.sample].side[0].chart];
+      inner_colors[inner.sample][inner.side] = photograph.color_at(pixel, 1 / chart.scale);
+    }
+  }
+
+  void measure(std::size_t i) {
+    SeamSample& sample = samples[i];
+    if (!sample.is_inner()) {
+      sample.step = color_at(sample.side[1]) - color_at(sample.side[0]);
+    } else if (inner_colors[i][0].x() < 0 || inner_colors[i][1].x() < 0) {
+      sample.side[0].part = sample.side[1].part;  // see drop_unknown
+    } else {
+      sample.step = inner_colors[i][1] - inner_colors[i][0];
+    }
+  }
+
+  void drop_unknown() {
+    samples.erase(std::remove_if(samples.begin(), samples.end(),
+                                 [](const SeamSample& sample) { return sample.side[0].part == sample.side[1].part; }),
+                  samples.end());
+  }
+
+  Eigen::Vector3f color_at(const Place& place) const {
+    const Chart& chart = charts.charts[place.chart];
+    const ColorImage& page = (*pages)[std::size_t(chart.place.page)];
+    const Cell c = cell_of(place.at, 1, chart.shape.width * kBlock_px, chart.shape.height * kBlock_px);
+    const std::array<float, 4> weights = bilinear(c);
+    Eigen::Vector3f sum = Eigen::Vector3f::Zero();
+    for (std::size_t k = 0; k < 4; ++k) {
+      const Rgb8 p = chart.pixel(page, c.x + int(k % 2), c.y + int(k / 2));
+      sum += weights[k] * Eigen::Vector3f(float(p.r), float(p.g), float(p.b));
+    }
+    return sum;
   }
 
   // ---- the slow part
 
   void make_grids() {
-    std::uint32_t count = 0;
-    for (const Chart& chart : charts.charts) {
-      NodeGrid grid;
-      grid.columns = (chart.shape.width * kBlock_px + kNode_px - 1) / kNode_px + 1;
-      grid.rows = (chart.shape.height * kBlock_px + kNode_px - 1) / kNode_px + 1;
-      grid.node.assign(std::size_t(grid.columns) * std::size_t(grid.rows), kInvalidIndex);
-      for (int by = 0; by < chart.shape.height; ++by)
-        for (int bx = 0; bx < chart.shape.width; ++bx)
-          if (chart.owns(bx * kBlock_px, by * kBlock_px))
-            for (const int dy : {0, 1})
-              for (const int dx : {0, 1}) {
-                std::uint32_t& node =
-                    grid.node[std::size_t(by / 2 + dy) * std::size_t(grid.columns) + std::size_t(bx / 2 + dx)];
-                if (node == kInvalidIndex) node = count++;
-              }
-      grids.push_back(std::move(grid));
+    for (const Chart& chart : charts.charts)
+      for (std::size_t part = 0; part < chart.parts.size(); ++part) {
+        NodeGrid& grid = grids.emplace_back();
+        grid.columns = (chart.shape.width * kBlock_px + kNode_px - 1) / kNode_px + 1;
+        grid.rows = (chart.shape.height * kBlock_px + kNode_px - 1) / kNode_px + 1;
+        grid.node.assign(std::size_t(grid.columns) * std::size_t(grid.rows), kInvalidIndex);
+      }
+    const auto want = [&](std::uint32_t part, int column, int row) {
+      NodeGrid& grid = grids[part];
+      for (const int dy : {0, 1})
+        for (const int dx : {0, 1})
+          grid.node[std::size_t(row + dy) * std::size_t(grid.columns) + std::size_t(column + dx)] = 0;
+    };
+    for (std::size_t c = 0; c < charts.charts.size(); ++c) {
+      const Chart& chart = charts.charts[c];
+      for (int y = 0; y < chart.shape.height * kBlock_px; ++y)
+        for (int x = 0; x < chart.shape.width * kBlock_px; ++x)
+          if (chart.owns(x, y) && mark_at(chart, x, y) != 0)
+            want(first_part[c] + std::uint32_t(part_of(mark_at(chart, x, y))), x / kNode_px, y / kNode_px);
     }
-    node_count = count;
+    for (const SeamSample& sample : samples)
+      for (const Place& place : sample.side) {
+        const NodeGrid& grid = grids[place.part];
+        const Cell cell = cell_of(place.at, float(kNode_px), grid.columns, grid.rows);
+        want(place.part, cell.x, cell.y);
+      }
+    for (NodeGrid& grid : grids)
+      for (std::uint32_t& node : grid.node)
+        if (node != kInvalidIndex) node = std::uint32_t(node_count++);
   }
 
   /// Nodes around a place, and their weights.
   std::array<std::pair<std::uint32_t, float>, 4> nodes_at(const Place& place) const {
-    const NodeGrid& grid = grids[place.chart];
+    const NodeGrid& grid = grids[place.part];
     const Cell c = cell_of(place.at, float(kNode_px), grid.columns, grid.rows);
     const std::array<float, 4> weights = bilinear(c);
     std::array<std::pair<std::uint32_t, float>, 4> out;
@@ -133,40 +265,6 @@ struct Levelling::Impl {
     for (const auto& [node, weight] : nodes_at(place))
       if (node != kInvalidIndex) sum += weight * offset[node];
     return sum;
-  }
-
-  void find_samples(const Mesh& mesh, const std::vector<SharedEdge>& edges) {
-    for (const SharedEdge& edge : edges) {
-      const std::uint32_t a = charts.chart_of_triangle[edge.a], b = charts.chart_of_triangle[edge.b];
-      if (a == kInvalidIndex || b == kInvalidIndex || a == b) continue;
-      const auto &pa = charts.pixels[edge.a], &pb = charts.pixels[edge.b];
-      const std::size_t a0 = edge.corner_a, a1 = (a0 + 1) % 3;
-      std::size_t b0 = edge.corner_b, b1 = (b0 + 1) % 3;
-      if (mesh.triangles[edge.b][b0] != mesh.triangles[edge.a][a0]) std::swap(b0, b1);
-      const float length_px = std::max((pa[a1] - pa[a0]).norm(), (pb[b1] - pb[b0]).norm());
-      const int count = std::max(1, int(std::ceil(length_px / kSampleSpacing_px)));
-      for (int k = 0; k < count; ++k) {
-        const float t = (float(k) + 0.5f) / float(count);
-        samples.push_back({{Place{a, pa[a0] + t * (pa[a1] - pa[a0])}, Place{b, pb[b0] + t * (pb[b1] - pb[b0])}},
-                           {},
-                           Eigen::Vector3f::Zero()});
-      }
-    }
-  }
-
-  Eigen::Vector3f color_at(const Place& place, const ColorCameras& cameras, std::span<const ColorResponse> responses,
-                           const std::vector<ColorImage>& pages) const {
-    const Chart& chart = charts.charts[place.chart];
-    const ColorImage& page = pages[std::size_t(chart.place.page)];
-    const Cell c = cell_of(place.at, 1, chart.shape.width * kBlock_px, chart.shape.height * kBlock_px);
-    const std::array<float, 4> weights = bilinear(c);
-    Eigen::Vector3f sum = Eigen::Vector3f::Zero();
-    for (std::size_t k = 0; k < 4; ++k) {
-      const Rgb8 p = page.at(chart.x0() + c.x + int(k % 2), chart.y0() + c.y + int(k / 2));
-      sum += weights[k] * Eigen::Vector3f(float(p.r), float(p.g), float(p.b));
-    }
-    const float r2 = cameras[chart.view]->squared_radius(chart.to_image(place.at));
-    return sum.cwiseProduct(responses[chart.view].factor(r2));
   }
 
   void solve_offsets(Context& context) {
@@ -236,9 +334,9 @@ struct Levelling::Impl {
   /// So that samples with the same nodes follow each other, and go into the matrix as one.
   void sort_by_nodes() {
     const auto cell = [&](const Place& place) {
-      const NodeGrid& grid = grids[place.chart];
+      const NodeGrid& grid = grids[place.part];
       const Cell c = cell_of(place.at, float(kNode_px), grid.columns, grid.rows);
-      return std::array<std::uint32_t, 2>{place.chart, std::uint32_t(c.y * grid.columns + c.x)};
+      return std::array<std::uint32_t, 2>{place.part, std::uint32_t(c.y * grid.columns + c.x)};
     };
     std::vector<std::pair<std::array<std::uint32_t, 4>, std::uint32_t>> keys;
     for (std::uint32_t i = 0; i < samples.size(); ++i) {
@@ -310,21 +408,43 @@ struct Levelling::Impl {
         const Place& place = samples[i].side[side];
         const Chart& chart = charts.charts[place.chart];
         const Cell c = cell_of(place.at, 1, chart.shape.width * kBlock_px, chart.shape.height * kBlock_px);
-        samples[i].pixels[side].weight = bilinear(c);
+        samples[i].pixels[side].weight = weights_of(samples[i], side, c);
         for (std::size_t k = 0; k < 4; ++k)
           keys[i][4 * side + k] = key(place.chart, c.x + int(k % 2), c.y + int(k / 2));
       }
     });
-    for (const auto& some : keys) slot_pixel.insert(slot_pixel.end(), some.begin(), some.end());
+    for (std::size_t i = 0; i < samples.size(); ++i)
+      for (std::size_t k = 0; k < 8; ++k)
+        if (samples[i].pixels[k / 4].weight[k % 4] > 0) slot_pixel.push_back(keys[i][k]);
     parallel_sort(context, slot_pixel.begin(), slot_pixel.end(), std::less<>());
     slot_pixel.erase(std::unique(slot_pixel.begin(), slot_pixel.end()), slot_pixel.end());
     parallel_for(context, samples.size(), 4096, [&](std::size_t i) {
-      for (std::size_t k = 0; k < 8; ++k)
-        samples[i].pixels[k / 4].slot[k % 4] =
-            std::uint32_t(std::lower_bound(slot_pixel.begin(), slot_pixel.end(), keys[i][k]) - slot_pixel.begin());
+      for (std::size_t k = 0; k < 8; ++k) {
+        Footprint& pixels = samples[i].pixels[k / 4];
+        pixels.slot[k % 4] = 0;
+        if (pixels.weight[k % 4] > 0)
+          pixels.slot[k % 4] =
+              std::uint32_t(std::lower_bound(slot_pixel.begin(), slot_pixel.end(), keys[i][k]) - slot_pixel.begin());
+      }
     });
-    slot_value.assign(slot_pixel.size(), Eigen::Vector3f::Zero());
+    slot_value.assign(std::max<std::size_t>(1, slot_pixel.size()), Eigen::Vector3f::Zero());
     iterate_rest(context);
+  }
+
+  /// Of the four pixels around a place. Within a chart only those of its own side: all zero where there are none.
+  std::array<float, 4> weights_of(const SeamSample& sample, std::size_t side, const Cell& c) const {
+    std::array<float, 4> weights = bilinear(c);
+    if (!sample.is_inner()) return weights;
+    const Place& place = sample.side[side];
+    float sum = 0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const std::uint16_t mark = mark_at(charts.charts[place.chart], c.x + int(k % 2), c.y + int(k / 2));
+      if (mark == 0 || first_part[place.chart] + part_of(mark) != place.part) weights[k] = 0;
+      sum += weights[k];
+    }
+    if (sum > 0)
+      for (float& weight : weights) weight /= sum;
+    return weights;
   }
 
   /// Kaczmarz in blocks: every round, what is left at the samples goes to their pixels, averaged where samples share
@@ -373,24 +493,26 @@ struct Levelling::Impl {
     for (int step = 1; step < kFalloff_px; ++step, std::swap(front, next)) grow(chart, step, front, next, steps, out);
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x) {
-        if (!chart.owns(x, y)) continue;
+        if (!chart.owns(x, y) || mark_at(chart, x, y) == 0) continue;
         Eigen::Vector3f& value = out.at(x, y);
         const float share = float(steps.at(x, y)) / float(kFalloff_px);
         value *= share < 1 ? 1 - share * share * (3 - 2 * share) : 0;
-        value += offset_at({c, {float(x), float(y)}});
+        const auto part = std::uint32_t(part_of(mark_at(chart, x, y)));
+        value += offset_at({c, first_part[c] + part, {float(x), float(y)}});
       }
     return out;
   }
 
-  /// Pixels one step farther take the mean of their neighbours that are there already.
-  static void grow(const Chart& chart, int step, const std::vector<std::uint32_t>& front,
-                   std::vector<std::uint32_t>& next, Image<std::uint8_t>& steps, Correction& values) {
+  /// Pixels one step farther take the mean of their part's neighbours that are there already.
+  void grow(const Chart& chart, int step, const std::vector<std::uint32_t>& front, std::vector<std::uint32_t>& next,
+            Image<std::uint8_t>& steps, Correction& values) const {
     next.clear();
     const auto for_around = [&](std::uint32_t pixel, const auto& visit) {
       const int x = int(pixel) % steps.width, y = int(pixel) / steps.width;
       for (int v = std::max(y - 1, 0); v <= std::min(y + 1, steps.height - 1); ++v)
         for (int u = std::max(x - 1, 0); u <= std::min(x + 1, steps.width - 1); ++u)
-          if (chart.owns(u, v)) visit(std::uint32_t(steps.index(u, v)));
+          if (chart.owns(u, v) && part_of(mark_at(chart, u, v)) == part_of(mark_at(chart, x, y)))
+            visit(std::uint32_t(steps.index(u, v)));
     };
     for (const std::uint32_t pixel : front)
       for_around(pixel, [&](std::uint32_t other) {
@@ -409,12 +531,21 @@ struct Levelling::Impl {
   }
 };
 
-Levelling::Levelling(const Mesh& mesh, const Charts& charts, const std::vector<SharedEdge>& edges,
-                     const ColorCameras& cameras, std::span<const ColorResponse> responses,
-                     const std::vector<ColorImage>& pages, Context& context)
-    : impl_(std::make_unique<Impl>(mesh, charts, edges, cameras, responses, pages, context)) {}
+Levelling::Levelling(const Mesh& mesh, const Charts& charts, const std::vector<SharedEdge>& edges)
+    : impl_(std::make_unique<Impl>(mesh, charts, edges)) {}
 Levelling::~Levelling() = default;
 
+void Levelling::look(std::uint32_t view, const Photograph& photograph) { impl_->look(view, photograph); }
+
+void Levelling::solve(const std::vector<ColorImage>& pages, const std::vector<PartMap>& map, Context& context) {
+  impl_->pages = &pages;
+  impl_->map = &map;
+  impl_->solve(context);
+}
+
 Correction Levelling::correction_of(std::uint32_t chart) const { return impl_->correction_of(chart); }
+
+Levelling::Steps Levelling::inner_steps_before() const { return impl_->inner_before; }
+Levelling::Steps Levelling::inner_steps_after() const { return impl_->inner_after; }
 
 }  // namespace lapseam

@@ -85,46 +85,108 @@ std::vector<std::pair<int, int>> outline_of(const BlockShape& shape) {
   return outline;
 }
 
+BlockShape turned(const BlockShape& shape, int turns) {
+  BlockShape out{turns % 2 ? shape.height : shape.width, turns % 2 ? shape.width : shape.height, {}};
+  out.used.resize(shape.used.size());
+  for (int y = 0; y < shape.height; ++y)
+    for (int x = 0; x < shape.width; ++x) {
+      const auto [u, v] = turn(x, y, shape.width, shape.height, turns);
+      out.used[std::size_t(v * out.width + u)] = shape.used[std::size_t(y * shape.width + x)];
+    }
+  return out;
+}
+
+/// A shape in one of its turns.
+struct Variant {
+  BlockShape shape;
+  std::vector<Run> runs;
+  std::vector<std::pair<int, int>> outline;
+  bool is_full_rectangle;
+};
+
+std::vector<Variant> variants_of(const BlockShape& shape) {
+  std::vector<Variant> variants;
+  for (int turns = 0; turns < 4; ++turns) {
+    BlockShape other = turned(shape, turns);
+    const bool is_full = std::find(shape.used.begin(), shape.used.end(), 0) == shape.used.end();
+    variants.push_back({std::move(other), {}, {}, is_full});
+    variants.back().runs = runs_of(variants.back().shape);
+    variants.back().outline = outline_of(variants.back().shape);
+  }
+  return variants;
+}
+
 class Page {
  public:
   Page(int width, int height)
-      : width_(width), height_(height), rows_(std::size_t(height), BitRow(width)), spread_(width), wider_(width) {}
+      : width_(width),
+        height_(height),
+        rows_(std::size_t(height), BitRow(width)),
+        blocked_(width),
+        spread_(width),
+        wider_(width) {}
 
-  bool place(const BlockShape& shape, const std::vector<Run>& runs, int from_row, int& x, int& y) {
-    BitRow blocked(width_);
-    std::vector<std::pair<int, int>> outline;
-    const int limit = width_ - shape.width + 1;
-    int most_touching = -1, compared = 0, first_row = height_;
-    for (int row = from_row; row + shape.height <= height_ && row <= first_row + kMoreRows; ++row) {
-      find_blocked(runs, row, limit, blocked);
-      for (int at = blocked.first_clear(limit); at < limit && compared < kMostPlaces;
-           at = blocked.next_clear(at + 1, limit), ++compared) {
-        if (outline.empty()) outline = outline_of(shape);
-        first_row = std::min(first_row, row);
-        const int touching = count_touching(outline, at, row);
-        if (touching > most_touching) most_touching = touching, x = at, y = row;
-      }
-    }
-    if (most_touching < 0) {
-      y = height_;
-      return false;
-    }
-    for (const Run& run : runs) rows_[std::size_t(y + run.row)].set(x + run.from, x + run.to);
-    used_width_ = std::max(used_width_, x + shape.width);
-    used_height_ = std::max(used_height_, y + shape.height);
-    first_free_row = first_row;
+  bool place(const std::vector<Variant>& variants, BlockPlace& place) {
+    int most_touching = -1;
+    for (int turns = 0; turns < int(variants.size()); ++turns) find_place(variants, turns, most_touching, place);
+    if (most_touching < 0) return false;
+    const Variant& variant = variants[std::size_t(place.turns)];
+    for (const Run& run : variant.runs) rows_[std::size_t(place.y + run.row)].set(place.x + run.from, place.x + run.to);
+    used_width_ = std::max(used_width_, place.x + variant.shape.width);
+    used_height_ = std::max(used_height_, place.y + variant.shape.height);
     return true;
   }
-
-  int first_free_row = 0;  ///< where the search for the last one placed first found room
 
   BlockPage used() const { return {used_width_, used_height_}; }
 
  private:
+  // A full rectangle that is no smaller than one before cannot lie above where the search for that one began in vain.
+  struct Start {
+    int width, height, row;
+  };
+
+  void find_place(const std::vector<Variant>& variants, int turns, int& most_touching, BlockPlace& place) {
+    const Variant& variant = variants[std::size_t(turns)];
+    const BlockShape& shape = variant.shape;
+    const int limit = width_ - shape.width + 1;
+    int compared = 0, first_row = height_;
+    for (int row = first_row_for(variant); row + shape.height <= height_ && row <= first_row + kMoreRows; ++row) {
+      find_blocked(variant.runs, row, limit);
+      for (int at = blocked_.first_clear(limit); at < limit && compared < kMostPlaces;
+           at = blocked_.next_clear(at + 1, limit), ++compared) {
+        first_row = std::min(first_row, row);
+        const int touching = count_touching(variant.outline, at, row);
+        if (touching > most_touching) {
+          most_touching = touching;
+          place.x = at, place.y = row, place.turns = turns;
+        }
+      }
+    }
+    if (variant.is_full_rectangle) remember(shape, first_row);
+  }
+
+  int first_row_for(const Variant& variant) const {
+    int row = 0;
+    if (variant.is_full_rectangle)
+      for (const Start& start : starts_)
+        if (start.width <= variant.shape.width && start.height <= variant.shape.height) row = std::max(row, start.row);
+    return row;
+  }
+
+  void remember(const BlockShape& shape, int row) {
+    const auto same = std::find_if(starts_.begin(), starts_.end(), [&](const Start& start) {
+      return start.width == shape.width && start.height == shape.height;
+    });
+    if (same == starts_.end())
+      starts_.push_back({shape.width, shape.height, row});
+    else
+      same->row = row;
+  }
+
   /// All places in a row where some block of the shape would meet a used one: each row of the page, spread by the run's
   /// length.
-  void find_blocked(const std::vector<Run>& runs, int y, int limit, BitRow& blocked) {
-    blocked.clear();
+  void find_blocked(const std::vector<Run>& runs, int y, int limit) {
+    blocked_.clear();
     for (const Run& run : runs) {
       spread_ = rows_[std::size_t(y + run.row)];
       int covered = 1;
@@ -134,8 +196,8 @@ class Page {
         spread_.or_shifted(wider_, step);
         covered += step;
       }
-      blocked.or_shifted(spread_, run.from);
-      if (blocked.first_clear(limit) == limit) break;
+      blocked_.or_shifted(spread_, run.from);
+      if (blocked_.first_clear(limit) == limit) break;
     }
   }
 
@@ -148,7 +210,8 @@ class Page {
 
   int width_, height_;
   std::vector<BitRow> rows_;
-  BitRow spread_, wider_;
+  BitRow blocked_, spread_, wider_;
+  std::vector<Start> starts_;
   int used_width_ = 0, used_height_ = 0;
 };
 
@@ -165,42 +228,13 @@ Packing pack_blocks(const std::vector<BlockShape>& shapes, int page_width, int p
   std::sort(order.begin(), order.end(),
             [&](std::uint32_t a, std::uint32_t b) { return area[a] != area[b] ? area[a] > area[b] : a < b; });
   std::vector<Page> pages;
-  // A shape that is no smaller than one before cannot lie above where the search for that one began in vain.
-  struct Start {
-    int width = 0, height = 0, row = 0;
-  };
-  std::vector<std::vector<Start>> starts;
   for (const std::uint32_t i : order) {
     context.throw_if_cancelled();
-    const std::vector<Run> runs = runs_of(shapes[i]);
+    const std::vector<Variant> variants = variants_of(shapes[i]);
     BlockPlace& place = out.places[i];
     for (place.page = 0;; ++place.page) {
-      if (std::size_t(place.page) == pages.size()) {
-        pages.emplace_back(page_width, page_height);
-        starts.emplace_back();
-      }
-      const bool is_full_rectangle =
-          runs.size() == std::size_t(shapes[i].height) &&
-          std::all_of(runs.begin(), runs.end(), [&](const Run& r) { return r.to - r.from == shapes[i].width; });
-      int from_row = 0;
-      // Only full rectangles tell about others: where one did not fit, no shape that has it inside does.
-      auto& known = starts[std::size_t(place.page)];
-      if (is_full_rectangle)
-        for (const Start& start : known)
-          if (start.width <= shapes[i].width && start.height <= shapes[i].height)
-            from_row = std::max(from_row, start.row);
-      const bool is_placed = pages[std::size_t(place.page)].place(shapes[i], runs, from_row, place.x, place.y);
-      if (is_full_rectangle) {
-        const auto same = std::find_if(known.begin(), known.end(), [&](const Start& start) {
-          return start.width == shapes[i].width && start.height == shapes[i].height;
-        });
-        const int row = is_placed ? pages[std::size_t(place.page)].first_free_row : page_height;
-        if (same == known.end())
-          known.push_back({shapes[i].width, shapes[i].height, row});
-        else
-          same->row = row;
-      }
-      if (is_placed) break;
+      if (std::size_t(place.page) == pages.size()) pages.emplace_back(page_width, page_height);
+      if (pages[std::size_t(place.page)].place(variants, place)) break;
     }
   }
   for (const Page& page : pages) out.pages.push_back(page.used());

@@ -3,6 +3,7 @@
 // Shapes made of square blocks, packed into pages.
 
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 namespace lapseam {
@@ -17,7 +18,23 @@ struct BlockShape {
 
 struct BlockPlace {
   int page = 0, x = 0, y = 0;
+  int turns = 0;  ///< quarter turns, that of the x axis to the y axis
 };
+
+/// Where (x, y) of a grid of points comes to lie when the grid is turned; corners keep lying in corners.
+template <typename T>
+std::pair<T, T> turn(T x, T y, T width, T height, int turns) {
+  switch (turns) {
+    case 1:
+      return {height - 1 - y, x};
+    case 2:
+      return {width - 1 - x, height - 1 - y};
+    case 3:
+      return {y, width - 1 - x};
+    default:
+      return {x, y};
+  }
+}
 
 struct BlockPage {
   int width = 0, height = 0;  ///< as far as it is used
@@ -29,8 +46,8 @@ struct Packing {
 };
 
 /// Largest first, each to one of the first places where it meets nothing, by rows: there where most of its outline
-/// touches others or the page's edge. Shapes may lie inside each other's bays.
-/// Pages are page_width × page_height blocks at most; every shape fits on one.
+/// touches others or the page's edge, in that of four turns where it touches the most. Shapes may lie inside each
+/// other's bays. Pages are page_width × page_height blocks at most; every shape fits on one as it is.
 Packing pack_blocks(const std::vector<BlockShape>& shapes, int page_width, int page_height, Context& context);
 
 }  // namespace lapseam

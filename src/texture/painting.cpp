@@ -6,9 +6,6 @@
 namespace lapseam {
 namespace {
 
-// A fringe is replaced by pixels that are at most this far; beyond, there is nothing better than it.
-constexpr int kFarthestReplacement_px = 12;
-
 constexpr std::array<std::pair<int, int>, 8> kAround = {
     {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {-1, 1}, {1, -1}, {-1, -1}}};
 
@@ -24,15 +21,14 @@ Rgb8 to_rgb8(const Eigen::Vector3f& color) {
   return {channel(color.x()), channel(color.y()), channel(color.z())};
 }
 
-Rgb8 sample_bilinear(const ColorImage& image, const Eigen::Vector2f& at, bool wraps) {
+Eigen::Vector3f sample_bilinear(const ColorImage& image, const Eigen::Vector2f& at, bool wraps) {
   const float u = std::floor(at.x()), v = std::floor(at.y()), fu = at.x() - u, fv = at.y() - v;
   const auto pixel = [&](int du, int dv) { return to_vector(pixel_of(image, int(u) + du, int(v) + dv, wraps)); };
-  return to_rgb8((1 - fv) * ((1 - fu) * pixel(0, 0) + fu * pixel(1, 0)) +
-                 fv * ((1 - fu) * pixel(0, 1) + fu * pixel(1, 1)));
+  return (1 - fv) * ((1 - fu) * pixel(0, 0) + fu * pixel(1, 0)) + fv * ((1 - fu) * pixel(0, 1) + fu * pixel(1, 1));
 }
 
 /// Mean over the rectangle of the image that a smaller pixel stands for.
-Rgb8 sample_area(const ColorImage& image, const Eigen::Vector2f& middle, float size_px, bool wraps) {
+Eigen::Vector3f sample_area(const ColorImage& image, const Eigen::Vector2f& middle, float size_px, bool wraps) {
   const Eigen::Vector2f from = middle.array() - 0.5f * size_px + 0.5f, to = from.array() + size_px;  // edges of pixels
   Eigen::Vector3f sum = Eigen::Vector3f::Zero();
   float weights = 0;
@@ -43,11 +39,7 @@ Rgb8 sample_area(const ColorImage& image, const Eigen::Vector2f& middle, float s
       sum += w * to_vector(pixel_of(image, u, v, wraps));
       weights += w;
     }
-  return to_rgb8(sum / weights);
-}
-
-Rgb8 sample(const ColorImage& image, const Chart& chart, const Eigen::Vector2f& at, bool wraps) {
-  return chart.scale < 1 ? sample_area(image, at, 1 / chart.scale, wraps) : sample_bilinear(image, at, wraps);
+  return sum / weights;
 }
 
 template <typename Visit>
@@ -84,67 +76,99 @@ void spread(const Chart& chart, int farthest, const IsSource& is_source, const V
 
 }  // namespace
 
-void mark_used(const Charts& charts, const Chart& chart, const DepthImage* depth, UseMask& page) {
-  const auto use = [&](int x, int y) -> std::uint8_t& { return page.at(chart.x0() + x, chart.y0() + y); };
-  bool some_used = false;
-  // A hair wider than exact, so that no rounding leaves a pixel out between two triangles.
-  constexpr float kHair_px = 1e-3f;
-  for (const std::uint32_t i : chart.triangles)
-    for_pixels(charts.pixels[i], kHair_px, [&](int x, int y, float, float) { use(x, y) = kUsed, some_used = true; });
-  if (!some_used)  // smaller than any pixel: the nearest ones
-    for (const std::uint32_t i : chart.triangles)
-      for (const Eigen::Vector2f& p : charts.pixels[i]) use(int(std::lround(p.x())), int(std::lround(p.y()))) = kUsed;
-  if (!depth) return;
-  const auto is_clean = [&](int x, int y) {
-    return use(x, y) == kUsed && !depth->is_fringe(chart.to_image({float(x), float(y)}));
-  };
-  Image<std::uint8_t> is_clean_pixel(chart.shape.width * kBlock_px, chart.shape.height * kBlock_px);
-  for_owned_pixels(chart, [&](int x, int y) { is_clean_pixel.at(x, y) = is_clean(x, y); });
-  spread(
-      chart, kFarthestReplacement_px, [&](int x, int y) { return is_clean_pixel.at(x, y) != 0; },
-      [&](int x, int y, int, int) {
-        if (use(x, y) == kUsed) use(x, y) = kFringed;
-      });
+Eigen::Vector3f Photograph::color_at(const Eigen::Vector2f& pixel, float size_px) const {
+  const Eigen::Vector3f color =
+      size_px > 1 ? sample_area(image, pixel, size_px, camera.wraps()) : sample_bilinear(image, pixel, camera.wraps());
+  return color.cwiseProduct(response.factor(camera.squared_radius(pixel)));
 }
 
-void copy_blocks(const Mesh& mesh, const Charts& charts, const Chart& chart, const ColorImage& image,
-                 const ColorCamera& camera, ColorImage& page) {
-  const bool wraps = camera.wraps();
-  for_owned_pixels(chart, [&](int x, int y) {
-    const Eigen::Vector2f at = chart.to_image({float(x), float(y)});
-    page.at(chart.x0() + x, chart.y0() + y) =
-        chart.scale < 1 ? sample_area(image, at, 1 / chart.scale, wraps)
-                        : pixel_of(image, int(std::lround(at.x())), int(std::lround(at.y())), wraps);
+namespace {
+
+// A hair wider than exact, so that no rounding leaves a pixel out between two triangles.
+constexpr float kHair_px = 1e-3f;
+
+/// Visits the pixels whose centres lie in a triangle, visit(x, y, b1, b2, true), or where there are none, those nearest
+/// to its corners, visit(…, false).
+template <typename Visit>
+void for_own_pixels(const std::array<Eigen::Vector2f, 3>& p, const Visit& visit) {
+  bool has_some = false;
+  for_pixels(p, kHair_px, [&](int x, int y, float b1, float b2) {
+    has_some = true;
+    visit(x, y, b1, b2, true);
   });
-  for (const float margin_px : {1.0f, 0.0f})  // what belongs to a triangle has the last word over what lies beside
-    for (const std::uint32_t i : chart.triangles) {
-      if (!charts.is_resampled[i]) continue;
-      const Triangle& t = mesh.triangles[i];
-      for_pixels(charts.pixels[i], margin_px, [&](int x, int y, float b1, float b2) {
-        const Eigen::Vector3f point =
-            (1 - b1 - b2) * mesh.positions_m[t[0]] + b1 * mesh.positions_m[t[1]] + b2 * mesh.positions_m[t[2]];
-        Eigen::Vector2f at;
-        if (camera.project(point, at)) page.at(chart.x0() + x, chart.y0() + y) = sample(image, chart, at, wraps);
-      });
+  for (std::size_t k = 0; k < 3 && !has_some; ++k)
+    visit(int(std::lround(p[k].x())), int(std::lround(p[k].y())), k == 1 ? 1.0f : 0.0f, k == 2 ? 1.0f : 0.0f, false);
+}
+
+}  // namespace
+
+void mark_parts(const Charts& charts, const Chart& chart, PartMap& map) {
+  const auto mark = [&](std::uint32_t i) {
+    for_own_pixels(charts.pixels[i], [&](int x, int y, float, float, bool is_inside) {
+      std::uint16_t& pixel = chart.pixel(map, x, y);
+      const auto part = std::uint16_t(charts.part_of_triangle[i] + 1);
+      if (is_inside)
+        pixel = part;
+      else if (pixel == 0)
+        pixel = part | kPaddingBit;
+    });
+  };
+  for (const bool is_own : {false, true})
+    for (const std::uint32_t i : chart.triangles)
+      if ((charts.view_of_triangle[i] == chart.view) == is_own) mark(i);
+}
+
+void paint_triangle(const Mesh& mesh, const Charts& charts, std::uint32_t triangle, const Photograph& photograph,
+                    PartMap& map, ColorImage& page) {
+  const Chart& chart = charts.charts[charts.chart_of_triangle[triangle]];
+  const Triangle& t = mesh.triangles[triangle];
+  const auto part = std::uint16_t(charts.part_of_triangle[triangle] + 1);
+  for_own_pixels(charts.pixels[triangle], [&](int x, int y, float b1, float b2, bool is_inside) {
+    std::uint16_t& mark = chart.pixel(map, x, y);
+    if ((mark & kPartBits) != part || is_used(mark) != is_inside) return;
+    Eigen::Vector2f at = chart.to_image({float(x), float(y)});
+    if (charts.is_resampled[triangle]) {
+      const Eigen::Vector3f point =
+          (1 - b1 - b2) * mesh.positions_m[t[0]] + b1 * mesh.positions_m[t[1]] + b2 * mesh.positions_m[t[2]];
+      if (!photograph.camera.project_beyond(point, at)) return;
+    } else if (chart.scale == 1) {
+      at = {std::round(at.x()), std::round(at.y())};  // no weight for neighbours
     }
+    chart.pixel(page, x, y) = to_rgb8(photograph.color_at(at, 1 / chart.scale));
+    if (photograph.depth.is_fringe(at)) mark |= kNearStepBit;
+  });
 }
 
-void fill_unused(const Chart& chart, const UseMask& use, ColorImage& page) {
-  const auto pixel = [&](int x, int y) -> Rgb8& { return page.at(chart.x0() + x, chart.y0() + y); };
-  const int farthest = (chart.shape.width + chart.shape.height) * kBlock_px;
-  spread(
-      chart, farthest, [&](int x, int y) { return use.at(chart.x0() + x, chart.y0() + y) == kUsed; },
-      [&](int x, int y, int from_x, int from_y) { pixel(x, y) = pixel(from_x, from_y); });
+std::uint64_t fill_unused(const Chart& chart, int fringe_px, PartMap& map, ColorImage& page) {
+  const auto pixel = [&](int x, int y) -> Rgb8& { return chart.pixel(page, x, y); };
+  const auto mark = [&](int x, int y) -> std::uint16_t& { return chart.pixel(map, x, y); };
+  std::uint64_t replaced = 0;
+  Image<std::uint8_t> is_done(chart.shape.width * kBlock_px, chart.shape.height * kBlock_px);
+  const auto fill_from = [&](const auto& is_source, int farthest) {
+    for_owned_pixels(chart, [&](int x, int y) { is_done.at(x, y) |= std::uint8_t(is_source(mark(x, y))); });
+    spread(
+        chart, farthest, [&](int x, int y) { return is_done.at(x, y) != 0; },
+        [&](int x, int y, int from_x, int from_y) {
+          is_done.at(x, y) = 1;
+          pixel(x, y) = pixel(from_x, from_y);
+          if (is_used(mark(x, y)))
+            ++replaced;
+          else
+            mark(x, y) = std::uint16_t((mark(from_x, from_y) & kPartBits) | kPaddingBit);
+        });
+  };
+  const int all = (chart.shape.width + chart.shape.height) * kBlock_px;
+  fill_from([](std::uint16_t m) { return is_used(m) && !(m & kNearStepBit); },
+            std::max(1, int(std::ceil(float(fringe_px) * chart.scale))));
+  fill_from(is_used, all);
+  fill_from([](std::uint16_t m) { return m != 0; }, all);  // where triangles lie between pixels
+  return replaced;
 }
 
-void correct_chart(const Chart& chart, const ColorResponse& response, const ColorCamera& camera,
-                   const Correction& correction, ColorImage& page) {
+void correct_chart(const Chart& chart, const Correction& correction, ColorImage& page) {
   for_owned_pixels(chart, [&](int x, int y) {
-    Rgb8& pixel = page.at(chart.x0() + x, chart.y0() + y);
-    Eigen::Vector3f color = to_vector(pixel);
-    color.array() *= response.factor(camera.squared_radius(chart.to_image({float(x), float(y)}))).array();
-    if (!correction.empty()) color += correction.at(x, y);
-    pixel = to_rgb8(color);
+    Rgb8& pixel = chart.pixel(page, x, y);
+    pixel = to_rgb8(to_vector(pixel) + correction.at(x, y));
   });
 }
 

@@ -1,41 +1,57 @@
 #pragma once
 
-// From images to pages: which pixels charts use, their first colours, and their last.
+// From images to pages: which pixels show which image, their first colours, and their last.
 
 #include <span>
 #include <vector>
 
 #include "lapseam/mesh.h"
 #include "texture/charts.h"
+#include "texture/color_response.h"
 #include "texture/depth_image.h"
-#include "texture/equalize.h"
 
 namespace lapseam {
 
-/// Of each pixel of a page.
-enum PixelUse : std::uint8_t {
-  kPadding = 0,
-  kUsed = 1,    ///< its centre lies in a triangle
-  kFringed = 2  ///< so, but near a jump of depth, where the chart has better pixels near by
+/// Of each pixel of a page: which of its chart's parts it belongs to, counted from 1 (0: outside of all charts, or not
+/// yet known), and marks.
+using PartMap = Image<std::uint16_t>;
+inline constexpr std::uint16_t kPartBits = 0x3fff;
+inline constexpr std::uint16_t kPaddingBit = 0x4000;  ///< its centre lies in no triangle
+inline constexpr std::uint16_t kNearStepBit =
+    0x8000;  ///< near a jump of depth: the colour may be that of the other side
+inline constexpr std::size_t kMostParts = kPartBits - 1;
+
+inline bool is_used(std::uint16_t pixel) { return pixel != 0 && (pixel & kPaddingBit) == 0; }
+inline std::size_t part_of(std::uint16_t pixel) { return std::size_t(pixel & kPartBits) - 1; }
+
+/// An image, and what turns its colours into those of the model.
+struct Photograph {
+  const ColorImage& image;
+  const ColorCamera& camera;
+  const ColorResponse& response;
+  const DepthImage& depth;
+
+  /// Means over `size_px` pixels each way, or bilinear where that is 1.
+  Eigen::Vector3f color_at(const Eigen::Vector2f& pixel, float size_px) const;
 };
-using UseMask = Image<std::uint8_t>;
 
-/// Marks the pixels of one chart. Those near a jump are fringed where others of the chart are not far.
-void mark_used(const Charts& charts, const Chart& chart, const DepthImage* depth, UseMask& page);
+/// Marks the pixels of one chart. Where parts overlap by a hair, its own image has the last word.
+void mark_parts(const Charts& charts, const Chart& chart, PartMap& map);
 
-/// Copies the blocks of one chart from its image; smaller charts average over the image's pixels. Triangles that are
-/// no affine copies are resampled, bilinearly, with a pixel around them.
-void copy_blocks(const Mesh& mesh, const Charts& charts, const Chart& chart, const ColorImage& image,
-                 const ColorCamera& camera, ColorImage& page);
+/// Colours a triangle's pixels: those of the image as they are, times its response. Resampled where the triangle says
+/// so. Marks those near a jump of depth.
+void paint_triangle(const Mesh& mesh, const Charts& charts, std::uint32_t triangle, const Photograph& photograph,
+                    PartMap& map, ColorImage& page);
 
-/// Gives all pixels of a chart that are not used, or fringed, the colour of the nearest used one.
-void fill_unused(const Chart& chart, const UseMask& use, ColorImage& page);
+/// Gives pixels near a jump of depth the colour of the nearest clean one of the chart, where there is one within
+/// `fringe_px` of the image: beyond the fringe of one jump there are others all around, and nothing is better than what
+/// is there. Then those in no triangle that of the nearest used one, whose part they join. The number of the former.
+std::uint64_t fill_unused(const Chart& chart, int fringe_px, PartMap& map, ColorImage& page);
 
 /// What is added to a chart's pixels; see level.h.
 using Correction = Image<Eigen::Vector3f>;
 
-/// Multiplies by the view's response, adds the correction (empty: none), and rounds once.
-void correct_chart(const Chart& chart, const ColorResponse& response, const ColorCamera& camera,
-                   const Correction& correction, ColorImage& page);
+/// Adds the correction, and rounds.
+void correct_chart(const Chart& chart, const Correction& correction, ColorImage& page);
 
 }  // namespace lapseam

@@ -12,6 +12,7 @@
 #include "lapseam/io.h"
 #include "texture/candidates.h"
 #include "texture/charts.h"
+#include "texture/choose_frames.h"
 #include "texture/choose_images.h"
 #include "texture/equalize.h"
 #include "texture/level.h"
@@ -123,11 +124,29 @@ class Texturing {
     view_.resize(mesh_.triangle_count());
     for (std::size_t c = 0; c < cells.count(); ++c)
       for (const std::uint32_t i : cells.of(c)) view_[i] = view_of_cell[c];
+    lay_out(cells);
     for (std::size_t i = 0; i < view_.size(); ++i) {
       report_.unseen_triangles += view_[i] == kInvalidIndex;
       report_.retaken_triangles +=
           view_[i] != kInvalidIndex && !mesh_.triangle_view.empty() && view_[i] != mesh_.triangle_view[i];
     }
+  }
+
+  /// Cells at borders are taken apart: as triangles they make smoother ones.
+  void lay_out(const Cells& cells) {
+    frame_ = view_;
+    if (!options_.choose || sources_.size() > kMostParts) return;
+    const std::vector<std::uint32_t> cell = cell_of_triangles(cells);
+    std::vector<std::uint8_t> is_at_border(cells.count(), 0);
+    for (const SharedEdge& edge : edges_)
+      if (view_[edge.a] != view_[edge.b]) is_at_border[cell[edge.a]] = is_at_border[cell[edge.b]] = 1;
+    const Cells finer = take_apart(cells, is_at_border);
+    std::vector<std::uint32_t> view_of_cell(finer.count());
+    for (std::size_t c = 0; c < finer.count(); ++c) view_of_cell[c] = view_[finer.of(c).front()];
+    const std::vector<std::uint32_t> frame_of_cell =
+        choose_frames(mesh_, finer, edges_, cameras_, view_of_cell, context_);
+    for (std::size_t c = 0; c < finer.count(); ++c)
+      for (const std::uint32_t i : finer.of(c)) frame_[i] = frame_of_cell[c];
   }
 
   /// The image that a triangle was measured with, or the best where that one does not show it. cells: single triangles.
@@ -156,9 +175,10 @@ class Texturing {
   void measure_triangle(std::size_t i, RegionSize& size) const {
     const Triangle& t = mesh_.triangles[i];
     std::array<Eigen::Vector2f, 3> p;
+    const ColorCamera& camera = *cameras_[frame_[i]];
     for (std::size_t k = 0; k < 3; ++k)
-      if (!cameras_[view_[i]]->project(mesh_.positions_m[t[k]], p[k])) return;
-    if (cameras_[view_[i]]->wraps()) unwrap(p, cameras_[view_[i]]->width());
+      if (!camera.project_beyond(mesh_.positions_m[t[k]], p[k])) return;
+    if (camera.wraps()) unwrap(p, camera.width());
     const Eigen::Vector2f ab = p[1] - p[0], ac = p[2] - p[0];
     size.area_px += double(std::abs(ab.x() * ac.y() - ab.y() * ac.x()));
     size.area_m2 += double((mesh_.positions_m[t[1]] - mesh_.positions_m[t[0]])
@@ -189,17 +209,17 @@ class Texturing {
 
   void pack() {
     StageScope stage(context_, "texture: pack");
-    const std::vector<std::uint32_t> root = find_regions(edges_, view_);
+    const std::vector<std::uint32_t> root = find_regions(edges_, frame_);
     std::vector<RegionSize> size(root.size());
     for (std::size_t i = 0; i < root.size(); ++i)
       if (root[i] != kInvalidIndex) measure_triangle(i, size[root[i]]);
     constexpr int kMostTries = 12;
     for (int attempt = 0;; ++attempt) {
       const std::vector<float> scales = find_scales(root, size);
-      charts_ = make_charts(mesh_, cameras_, view_, scales, {}, page_blocks_, context_);
+      charts_ = make_charts(mesh_, cameras_, view_, frame_, scales, {}, page_blocks_, context_);
       const std::vector<std::uint8_t> is_scattered = find_scattered(charts_, root);
       if (std::find(is_scattered.begin(), is_scattered.end(), 1) != is_scattered.end())
-        charts_ = make_charts(mesh_, cameras_, view_, scales, is_scattered, page_blocks_, context_);
+        charts_ = make_charts(mesh_, cameras_, view_, frame_, scales, is_scattered, page_blocks_, context_);
       const std::uint64_t bytes = pack_charts();
       if (options_.memory_bytes == 0 || bytes <= options_.memory_bytes) break;
       if (attempt == kMostTries)
@@ -277,44 +297,59 @@ class Texturing {
     mesh_.pages.clear();
     for (const BlockPage& page : page_sizes_) {
       mesh_.pages.emplace_back(page.width * kBlock_px, page.height * kBlock_px);
-      uses_.emplace_back(page.width * kBlock_px, page.height * kBlock_px);
+      map_.emplace_back(page.width * kBlock_px, page.height * kBlock_px);
     }
-    std::vector<std::vector<std::uint32_t>> charts_of_view(sources_.size());
-    for (std::uint32_t c = 0; c < charts_.charts.size(); ++c) charts_of_view[charts_.charts[c].view].push_back(c);
     StageScope stage(context_, "texture: paint", sources_.size());
-    parallel_for(context_, sources_.size(), 1, [&](std::size_t i) {
-      if (!charts_of_view[i].empty()) {
-        const ColorImage image = load_color(sources_[i]);
-        for (const std::uint32_t c : charts_of_view[i]) {
-          const Chart& chart = charts_.charts[c];
-          ColorImage& page = mesh_.pages[std::size_t(chart.place.page)];
-          UseMask& use = uses_[std::size_t(chart.place.page)];
-          copy_blocks(mesh_, charts_, chart, image, *cameras_[i], page);
-          mark_used(charts_, chart, &depths_[i], use);
-          fill_unused(chart, use, page);
-        }
-      }
+    if (options_.level) levelling_ = std::make_unique<Levelling>(mesh_, charts_, edges_);
+    parallel_for(context_, charts_.charts.size(), 1, [&](std::size_t c) {
+      const Chart& chart = charts_.charts[c];
+      mark_parts(charts_, chart, map_[std::size_t(chart.place.page)]);
+    });
+    std::vector<std::vector<std::uint32_t>> triangles_of_view(sources_.size());
+    for (std::uint32_t i = 0; i < mesh_.triangle_count(); ++i)
+      if (charts_.chart_of_triangle[i] != kInvalidIndex) triangles_of_view[view_[i]].push_back(i);
+    parallel_for(context_, sources_.size(), 1, [&](std::size_t view) {
+      if (!triangles_of_view[view].empty()) paint_from(view, triangles_of_view[view]);
+      triangles_of_view[view] = {};
       stage.advance();
     });
+    std::vector<std::uint64_t> replaced(charts_.charts.size());
+    parallel_for(context_, charts_.charts.size(), 1, [&](std::size_t c) {
+      const Chart& chart = charts_.charts[c];
+      const auto page = std::size_t(chart.place.page);
+      replaced[c] = fill_unused(chart, depths_[chart.view].fringe_px, map_[page], mesh_.pages[page]);
+    });
+    for (std::size_t c = 0; c < replaced.size(); ++c)
+      if (!charts_.charts[c].is_scattered) report_.fringe_pixels += replaced[c];
     for (std::size_t page = 0; page < report_.pages; ++page)
-      for (const std::uint8_t u : uses_[page].pixels) {
-        report_.used_pixels += u != kPadding;
-        report_.fringe_pixels += u == kFringed;
-      }
-    uses_.clear();
+      report_.used_pixels += std::uint64_t(std::count_if(map_[page].pixels.begin(), map_[page].pixels.end(), is_used));
+  }
+
+  void paint_from(std::size_t view, const std::vector<std::uint32_t>& triangles) {
+    const ColorImage image = load_color(sources_[view]);
+    const Photograph photograph{image, *cameras_[view], responses_[view], depths_[view]};
+    for (const std::uint32_t i : triangles) {
+      const auto page = std::size_t(charts_.charts[charts_.chart_of_triangle[i]].place.page);
+      paint_triangle(mesh_, charts_, i, photograph, map_[page], mesh_.pages[page]);
+    }
+    if (levelling_) levelling_->look(std::uint32_t(view), photograph);
   }
 
   void finish() {
     StageScope stage(context_, "texture: level");
-    std::unique_ptr<Levelling> levelling;
-    if (options_.level)
-      levelling = std::make_unique<Levelling>(mesh_, charts_, edges_, cameras_, responses_, mesh_.pages, context_);
-    parallel_for(context_, charts_.charts.size(), 1, [&](std::size_t c) {
-      const Chart& chart = charts_.charts[c];
-      const Correction correction = levelling ? levelling->correction_of(std::uint32_t(c)) : Correction();
-      correct_chart(chart, responses_[chart.view], *cameras_[chart.view], correction,
-                    mesh_.pages[std::size_t(chart.place.page)]);
-    });
+    if (levelling_) {
+      levelling_->solve(mesh_.pages, map_, context_);
+      parallel_for(context_, charts_.charts.size(), 1, [&](std::size_t c) {
+        const Chart& chart = charts_.charts[c];
+        correct_chart(chart, levelling_->correction_of(std::uint32_t(c)), mesh_.pages[std::size_t(chart.place.page)]);
+      });
+      report_.inner_step_before = levelling_->inner_steps_before().median;
+      report_.inner_step_before_p95 = levelling_->inner_steps_before().p95;
+      report_.inner_step_after = levelling_->inner_steps_after().median;
+      report_.inner_step_after_p95 = levelling_->inner_steps_after().p95;
+      levelling_.reset();
+    }
+    map_.clear();
     set_texcoords();
     mesh_.colors.clear();
     if (report_.unseen_triangles > 0 || mesh_.pages.size() > report_.pages) color_vertices(mesh_, context_);
@@ -350,10 +385,11 @@ class Texturing {
       const Chart& chart = charts_.charts[c];
       const ColorImage& page = mesh_.pages[std::size_t(chart.place.page)];
       mesh_.triangle_page[i] = std::uint32_t(chart.place.page);
-      for (Eigen::Vector2f& p : mesh_.texcoords[i])
+      for (Eigen::Vector2f& p : mesh_.texcoords[i]) {
+        const auto [x, y] = chart.on_page(p.x(), p.y());
         // Pixel centres are at integers, texture coordinates measure from the page's edge.
-        p = {(p.x() + float(chart.x0()) + 0.5f) / float(page.width),
-             (p.y() + float(chart.y0()) + 0.5f) / float(page.height)};
+        p = {(x + 0.5f) / float(page.width), (y + 0.5f) / float(page.height)};
+      }
     }
   }
 
@@ -368,10 +404,12 @@ class Texturing {
   std::vector<ColorResponse> responses_;
   std::vector<float> blur_;
   std::vector<SharedEdge> edges_;
-  std::vector<std::uint32_t> view_;  // that shows each triangle
+  std::vector<std::uint32_t> view_;   // that shows each triangle
+  std::vector<std::uint32_t> frame_;  // that it is laid out in
   Charts charts_;
   std::vector<BlockPage> page_sizes_;
-  std::vector<UseMask> uses_;
+  std::vector<PartMap> map_;
+  std::unique_ptr<Levelling> levelling_;
 };
 
 }  // namespace

@@ -248,5 +248,19 @@ TEST(Integrate, ReportIsCompleteJson) {
   EXPECT_EQ(result.report.texture.unseen_triangles, 0u);
 }
 
+TEST(Integrate, TrianglesThatNoImageShowsAreMarkedWhereVerticesHaveTheColors) {
+  Scene scene = ball_scene();
+  add_color(scene);
+  for (std::size_t i = 1; i < scene.views.size(); ++i) scene.views[i].color.reset();
+  Context context(2);
+  const IntegrateResult result = integrate(scene, {.color = ColorOutput::kVertices}, context);
+  EXPECT_TRUE(result.mesh.pages.empty());
+  ASSERT_EQ(result.mesh.is_unseen.size(), result.mesh.triangle_count());
+  const auto unseen = std::uint64_t(std::count(result.mesh.is_unseen.begin(), result.mesh.is_unseen.end(), 1));
+  EXPECT_EQ(unseen, result.report.texture.unseen_triangles);
+  EXPECT_GT(unseen, 0u);
+  EXPECT_LT(unseen, result.mesh.triangle_count());
+}
+
 }  // namespace
 }  // namespace lapseam

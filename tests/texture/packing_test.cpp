@@ -31,12 +31,13 @@ void expect_disjoint(const std::vector<BlockShape>& shapes, const Packing& packi
     const BlockPlace& place = packing.places[i];
     ASSERT_LT(std::size_t(place.page), packing.pages.size());
     const BlockPage& page = packing.pages[std::size_t(place.page)];
-    ASSERT_LE(place.x + shapes[i].width, page.width);
-    ASSERT_LE(place.y + shapes[i].height, page.height);
     for (int y = 0; y < shapes[i].height; ++y)
-      for (int x = 0; x < shapes[i].width; ++x)
+      for (int x = 0; x < shapes[i].width; ++x) {
+        const auto [u, v] = turn(x, y, shapes[i].width, shapes[i].height, place.turns);
+        ASSERT_TRUE(u >= 0 && v >= 0 && place.x + u < page.width && place.y + v < page.height);
         if (shapes[i].used[std::size_t(y * shapes[i].width + x)])
-          ++uses[std::size_t(place.page)][std::size_t((place.y + y) * width + place.x + x)];
+          ++uses[std::size_t(place.page)][std::size_t((place.y + v) * width + place.x + u)];
+      }
   }
   for (const auto& page : uses)
     for (const int count : page) ASSERT_LE(count, 1);
@@ -55,6 +56,14 @@ TEST(Packing, ShapesDoNotMeetAndStayOnTheirPages) {
     }
     expect_disjoint(shapes, packing, width, 40);
   }
+}
+
+TEST(Packing, ShapesAreTurnedWhereTheyFitBetter) {
+  Context context(1);
+  const BlockShape slab{8, 6, std::vector<std::uint8_t>(48, 1)}, upright{2, 8, std::vector<std::uint8_t>(16, 1)};
+  const Packing packing = pack_blocks({slab, upright}, 8, 8, context);
+  ASSERT_EQ(packing.pages.size(), 1u);  // the bar lies down
+  EXPECT_EQ(packing.places[1].turns % 2, 1);
 }
 
 TEST(Packing, SquaresFillAPageWithoutGaps) {

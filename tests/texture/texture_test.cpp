@@ -78,11 +78,16 @@ TEST(Atlas, CornersKeepTheirPixels) {
       const ColorImage& page = mesh.pages[mesh.triangle_page[i]];
       const Eigen::Vector2d uv = inside([&](std::size_t c) { return mesh.texcoords[i][c].cast<double>(); });
       const double x = uv.x() * page.width - 0.5, y = uv.y() * page.height - 0.5;
-      const Rgb8 found = page.at(int(std::lround(x)), int(std::lround(y)));
       // The image says where its pixels are, so what is found says where the lookup came from.
-      EXPECT_NEAR(found.r + x - std::lround(x), expected.u, 1e-2);
-      EXPECT_NEAR(found.g + y - std::lround(y), expected.v, 1e-2);
-      EXPECT_EQ(found.b, mesh.triangle_view[i] == 0 ? 10 : 20);
+      const int x0 = int(std::floor(x)), y0 = int(std::floor(y));
+      Eigen::Vector3d found = Eigen::Vector3d::Zero();
+      for (const auto& [u, v] : {std::pair{x0, y0}, {x0 + 1, y0}, {x0, y0 + 1}, {x0 + 1, y0 + 1}}) {
+        const Rgb8 c = page.at(u, v);
+        found += (1 - std::abs(x - u)) * (1 - std::abs(y - v)) * Eigen::Vector3d(c.r, c.g, c.b);
+      }
+      EXPECT_NEAR(found.x(), expected.u, 1e-2);
+      EXPECT_NEAR(found.y(), expected.v, 1e-2);
+      EXPECT_NEAR(found.z(), mesh.triangle_view[i] == 0 ? 10 : 20, 1e-9);
     }
 }
 

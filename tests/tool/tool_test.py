@@ -240,6 +240,9 @@ class Integrate(ToolTest):
         self.assertIn("format binary_little_endian 1.0", header)
         for name in ["view", "pixel", "tag"]:
             self.assertRegex(header, rf"property \w+ {name}\b")
+        self.assertNotIn(" unseen", header)
+        self.expect_ok("integrate", scene, "-o", self.folder / "colored.ply")
+        self.assertIn(b"property uchar unseen\n", (self.folder / "colored.ply").read_bytes())
 
     def test_glb_is_well_formed_and_textured(self):
         scene = save(self.folder, write_wall_scene(self.folder))
