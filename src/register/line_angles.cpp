@@ -33,6 +33,10 @@ constexpr int kRuns = 8;
 constexpr int kOfALine = 180;
 // Lines keep their order, and this share of their mean step.
 constexpr double kLeastStep = 0.125;
+// Planes reach no farther than their samples ask for, when that is this share of what they reached before.
+constexpr double kSettled = 0.9;
+// Lines that move by less than this share of their step have arrived.
+constexpr double kStill = 0.1;
 constexpr double kNormalPerMedian = 1.4826;
 
 // A sample on a plane. World axes.
@@ -130,6 +134,7 @@ class LineFinder {
 
   // Each sample to the plane that is nearest.
   void assign(Context& context) {
+    if (angles_.first_reach_m == 0) angles_.first_reach_m = angles_.reach_m;
     if (angles_.planes.empty()) angles_.planes = find_planes(posed_, angles_.reach_m);
     for (const Plane& plane : angles_.planes) {
       Support support{plane, Eigen::Vector3d::Zero(), plane.normal.unitOrthogonal(), Eigen::Vector3d::Zero()};
@@ -152,11 +157,17 @@ class LineFinder {
     std::vector<double>& smooth = angles_.firmness;
     LineStep out;
     out.motion.assign(n, Vector6d::Zero());
-    parallel_for(context, n, 1, [&](std::size_t i) {
-      const double best = firmness(i);
-      if (best > 0) smooth[i] = best;
-    });
-    if (std::all_of(smooth.begin(), smooth.end(), [](double held) { return held == 0; })) return out;
+    const auto none = [&] { return std::all_of(smooth.begin(), smooth.end(), [](double held) { return held == 0; }); };
+    const bool had_none = none();
+    if (angles_.has_settled)
+      parallel_for(context, n, 1, [&](std::size_t i) {
+        const double best = firmness(i);
+        if (best > 0) smooth[i] = best;
+      });
+    if (angles_.has_settled && none()) {
+      out.is_last = true;
+      return out;
+    }
     const auto border = Eigen::Index(6 + 3 * planes_.size());
     std::vector<Reduced> reduced(n);
     parallel_for(context, n, 1, [&](std::size_t i) { reduced[i] = reduced_of(i, smooth[i]); });
@@ -175,16 +186,23 @@ class LineFinder {
     }
     H.diagonal().tail(planes).array() += 1e-9 * H.diagonal().maxCoeff();  // planes that nothing lies on any more
     const Eigen::VectorXd x = H.ldlt().solve(-g);
+    double moved = 0;
     for (std::size_t i = 0; i < n; ++i) {
       out.motion[i] = x.segment<6>(Eigen::Index(6 * i));
       Eigen::VectorXd of_shared(border);
       of_shared << out.motion[i], x.tail(planes);
       if (smooth[i] > 0)
-        out.moved = std::max(
-            out.moved, move_lines(i, -reduced[i].of_lines.col(0) - reduced[i].of_lines.rightCols(border) * of_shared,
-                                  angles_.offsets_rad[i]));
+        moved = std::max(moved,
+                         move_lines(i, -reduced[i].of_lines.col(0) - reduced[i].of_lines.rightCols(border) * of_shared,
+                                    angles_.offsets_rad[i]));
     }
     for (std::size_t p = 0; p < planes_.size(); ++p) move_plane(p, x.segment<3>(m + Eigen::Index(3 * p)));
+    out.is_last = angles_.has_settled && moved < kStill;
+    if (had_none && !none()) {  // what lines bent out of reach may belong to planes after all
+      angles_.reach_m = angles_.first_reach_m;
+      angles_.planes.clear();
+      out.is_last = false;
+    }
     return out;
   }
 
@@ -203,7 +221,9 @@ class LineFinder {
         const double t = double(sample.residual_m) / (kTukey * scale), fit = std::max(0.0, 1 - t * t);
         sample.weight = fit * fit / (scale * scale);
       }
-    angles_.reach_m = std::min(angles_.reach_m, kTukey * scale);
+    const double reach_m = std::min(angles_.reach_m, kTukey * scale);
+    if (reach_m > kSettled * angles_.reach_m) angles_.has_settled = true;
+    angles_.reach_m = reach_m;
   }
 
   void move_plane(std::size_t p, const Eigen::Vector3d& by) {

@@ -26,11 +26,13 @@ struct LineAngles {
   std::vector<double> firmness;                  ///< by which lines are held to each other; 0: to where they were
   std::vector<Plane> planes;                     ///< that views share; none: to be found
   double reach_m = 0;                            ///< how far samples may be from their planes
+  double first_reach_m = 0;                      ///< of the first step
+  bool has_settled = false;                      ///< whether that has stopped to shrink: only then are lines judged
 };
 
 struct LineStep {
   std::vector<Vector6d> motion;  ///< of the views: rotation, translation about the centre, world axes
-  double moved = 0;              ///< farthest that any line went, in steps of lines
+  bool is_last = false;          ///< whether lines are where they belong, or stay where they are
 };
 
 /// One step of least squares over poses, lines and planes. Lines of a view are moved only where either half of their

@@ -275,11 +275,13 @@ class Registrar {
   // Poses and lines together, from the poses as given: lines that are off by degrees hold poses off as well.
   bool calibrate_lines() {
     StageScope stage(context_, "calibrate lines", kLineRounds);
+    const std::vector<PlacedView> reached = result_.views;
     LineAngles angles;
     angles.reach_m = kLineReach * capture_m_;
     for (int round = 0; round < kLineRounds && step_lines(angles); ++round) stage.advance();
     const bool has_found =
         std::any_of(angles.firmness.begin(), angles.firmness.end(), [](double held) { return held > 0; });
+    if (!has_found) result_.views = reached;
     // Where planes put the views is what later results are judged against.
     for (std::size_t i = 0; i < n_ && has_found; ++i) corrected_[i].T_world_view = result_.views[i].T_world_view;
     return has_found;
@@ -291,12 +293,13 @@ class Registrar {
     for (std::size_t i = 0; i < n_; ++i)
       views[i] = {&views_[i], !is_moving(i), center_of(i), std::max(pyramids_[i].radius_m, 1e-9)};
     const LineStep found = find_line_angles(views, posed_at(0), capture_m_, angles, context_);
-    if (found.moved == 0) return false;
     move_views(found.motion);
     for (std::size_t i = 0; i < n_; ++i) result_.views[i].line_offset_rad = angles.offsets_rad[i];
-    correct_views();
-    make_pyramids();
-    return found.moved > kArrived;
+    if (std::any_of(angles.firmness.begin(), angles.firmness.end(), [](double held) { return held > 0; })) {
+      correct_views();
+      make_pyramids();
+    }
+    return !found.is_last;
   }
 
   // Poses are held while offsets are found, and the other way round.
@@ -514,7 +517,9 @@ class Registrar {
       std::string problem;
       if (!has_matches[i]) problem = "shows nothing that another view shows";
       if (is_lost(i)) problem = "moved farther than the capture range";
-      if (is_worse(gain_before[i], gain_after[i])) problem = "agreed better with the other views where it was";
+      if (is_worse(gain_before[i], gain_after[i]))
+        problem = result_.views[i].line_offset_rad.empty() ? "agreed better with the other views where it was"
+                                                           : "agreed better where planes had put it";
       if (problem.empty()) continue;
       leave(i, problem);
       is_changed = true;
