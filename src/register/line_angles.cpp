@@ -21,8 +21,7 @@ namespace {
 // which halves of the samples predict each other best.
 constexpr std::array<double, 6> kSmooth = {0.001, 0.01, 0.1, 1, 10, 100};
 // All lines by the same angle is the pose turned about the axis, and a floor may be deeper where lines are steeper:
-// lines are held to where the scanner says they are by this share of that. (Angles of a real scanner wander by three to
-// ten times as much as they differ from line to line; 0.03 to 1 end within a millimetre of each other.)
+// lines are held to where the scanner says they are by this share of that.
 constexpr double kStay = 0.1;
 // Of the misfit of the other half of the samples: what is predicted less well is chance.
 constexpr double kLeastGain = 0.01;
