@@ -3,6 +3,9 @@
 //   OUT/scene.json, OUT/range/NNN.exr
 // Points are in centimetres in a left-handed frame, as 3DTK writes them; poses are x y z and Euler degrees, R = Rx Ry
 // Rz.
+// The laser measures every second sample of a line in one turn of its mirror and those between in the next, while the
+// tilt goes on by half a line; points come as if both were measured at once. Which of the two was first changes
+// wherever turns were lost, and is told from the scans; then samples are moved to the middle of both.
 
 #include <fmt/format.h>
 
@@ -24,6 +27,12 @@ namespace fs = std::filesystem;
 constexpr double kMetresPerUnit = 0.01;
 // Returns of the scanner's own frame, and of nothing.
 constexpr double kNearest_m = 0.15, kFarthest_m = 30;
+// Surfaces whose range changes by less than this share from line to line do not tell which line a sample belongs to.
+constexpr double kLeastSlope = 0.005;
+// Neighbours whose ranges differ by more than this share are not taken for one surface.
+constexpr float kLargestStep = 0.1f;
+constexpr std::size_t kFewestPlaces = 8;  // of a line, for a middle one
+constexpr int kFewestLines = 5;           // that vote together
 
 struct Arguments {
   fs::path folder, out;
@@ -59,6 +68,7 @@ Eigen::Isometry3d read_pose(const fs::path& file) {
 }
 
 double middle(std::vector<double> values) {
+  if (values.empty()) return 0;
   std::nth_element(values.begin(), values.begin() + std::ptrdiff_t(values.size() / 2), values.end());
   return values[values.size() / 2];
 }
@@ -71,19 +81,20 @@ Eigen::Matrix3d scanner_from_sensor() {
   return R;
 }
 
-struct Grid {
-  lapseam::SphericalSensor sensor;
+// Ranges and angles as they came: a column is a line.
+struct Lines {
   lapseam::RangeImage range;
+  std::vector<double> azimuth_rad, elevation_rad;
 };
 
-Grid make_grid(const std::vector<Eigen::Vector3d>& points, int samples, const fs::path& file) {
+Lines make_lines(const std::vector<Eigen::Vector3d>& points, int samples, const fs::path& file) {
   const auto lines = int(points.size() / std::size_t(samples));
-  if (lines < 2) throw lapseam::IoError(file, "has fewer than two lines");
+  if (lines < 3 || samples < 4) throw lapseam::IoError(file, "has fewer than three lines of four samples");
   const Eigen::Matrix3d R = scanner_from_sensor().transpose();
   std::vector<std::vector<double>> azimuths(static_cast<std::size_t>(lines)),
       elevations(static_cast<std::size_t>(samples));
-  Grid grid;
-  grid.range = lapseam::RangeImage(lines, samples);
+  Lines out;
+  out.range = lapseam::RangeImage(lines, samples);
   for (int line = 0; line < lines; ++line)
     for (int k = 0; k < samples; ++k) {
       const Eigen::Vector3d p = R * points[std::size_t(line) * std::size_t(samples) + std::size_t(k)];
@@ -91,10 +102,65 @@ Grid make_grid(const std::vector<Eigen::Vector3d>& points, int samples, const fs
       if (!(r > 1e-6)) continue;
       elevations[std::size_t(k)].push_back(std::asin(std::clamp(p.z() / r, -1.0, 1.0)));
       if (std::hypot(p.x(), p.y()) > 0.05 * r) azimuths[std::size_t(line)].push_back(std::atan2(p.y(), p.x()));
-      if (r > kNearest_m && r < kFarthest_m) grid.range.at(line, k) = float(r);
+      if (r > kNearest_m && r < kFarthest_m) out.range.at(line, k) = float(r);
     }
-  for (auto& angles : azimuths) grid.sensor.azimuth_rad.push_back(angles.empty() ? 0 : middle(angles));
-  for (auto& angles : elevations) grid.sensor.elevation_rad.push_back(angles.empty() ? 0 : middle(angles));
+  for (const auto& angles : azimuths) out.azimuth_rad.push_back(middle(angles));
+  for (const auto& angles : elevations) out.elevation_rad.push_back(middle(angles));
+  return out;
+}
+
+// How much later than the odd samples of a line its even ones were measured, in lines, as the middle one of the smooth
+// places has it; 0 where there are too few. What the next line measures elsewhere, they measure a little of already.
+double even_behind_odd(const lapseam::RangeImage& range, int line) {
+  std::vector<double> found;
+  for (int k = 1; k + 1 < range.height; ++k) {
+    const float r = range.at(line, k), a = range.at(line, k - 1), b = range.at(line, k + 1);
+    const float before = range.at(line - 1, k), after = range.at(line + 1, k);
+    if (!(r > 0) || !(a > 0) || !(b > 0) || !(before > 0) || !(after > 0)) continue;
+    const double per_line = 0.5 * double(after - before), ahead = double(r) - 0.5 * double(a + b);
+    const float least = 0.5f * std::abs(after - before);
+    const bool is_smooth = std::abs(after + before - 2 * r) < least && std::abs(b - a) < least;
+    if (is_smooth && std::abs(per_line) > kLeastSlope * double(r))
+      found.push_back((k % 2 == 0 ? 1 : -1) * ahead / per_line);
+  }
+  return found.size() < kFewestPlaces ? 0 : middle(found);
+}
+
+// Of each line, whether its even samples were measured after its odd ones. Lines that do not tell are like the nearest
+// ones that do.
+std::vector<bool> even_is_later(const lapseam::RangeImage& range) {
+  std::vector<double> behind(std::size_t(range.width), 0.0);
+  for (int line = 1; line + 1 < range.width; ++line) behind[std::size_t(line)] = even_behind_odd(range, line);
+  std::vector<bool> out(behind.size());
+  for (int line = 0; line < range.width; ++line) {
+    double votes = 0;
+    for (int reach = kFewestLines / 2; votes == 0 && reach < range.width; ++reach)
+      for (int other = std::max(0, line - reach); other <= std::min(range.width - 1, line + reach); ++other)
+        votes += std::clamp(behind[std::size_t(other)], -0.5, 0.5);
+    out[std::size_t(line)] = votes > 0;
+  }
+  return out;
+}
+
+struct Grid {
+  lapseam::SphericalSensor sensor;
+  lapseam::RangeImage range;
+};
+
+// Moves each sample by a quarter of a line, to where both turns of the line meet: on a plane, inverse ranges change
+// evenly. Samples beside a step stay as they are.
+Grid make_grid(const Lines& lines) {
+  const std::vector<bool> is_even_later = even_is_later(lines.range);
+  Grid grid{{lines.azimuth_rad, lines.elevation_rad}, lines.range};
+  for (int line = 0; line < lines.range.width; ++line)
+    for (int k = 0; k < lines.range.height; ++k) {
+      const bool is_later = is_even_later[std::size_t(line)] == (k % 2 == 0);
+      const int from = line + (is_later ? -1 : 1);
+      if (from < 0 || from >= lines.range.width) continue;
+      const float here = lines.range.at(line, k), there = lines.range.at(from, k);
+      if (!(here > 0) || !(there > 0) || std::abs(there - here) > kLargestStep * std::min(here, there)) continue;
+      grid.range.at(line, k) = 4 / (3 / here + 1 / there);
+    }
   return grid;
 }
 
@@ -108,7 +174,7 @@ void run(const Arguments& arguments) {
   if (files.empty()) throw lapseam::IoError(arguments.folder, "holds no .3d files");
   fs::create_directories(arguments.out / "range");
   for (const fs::path& file : files) {
-    const Grid grid = make_grid(read_points(file), arguments.columns, file);
+    const Grid grid = make_grid(make_lines(read_points(file), arguments.columns, file));
     fs::path pose_file = file;
     Eigen::Isometry3d T_world_view = read_pose(pose_file.replace_extension(".pose"));
     T_world_view.linear() = T_world_view.linear() * scanner_from_sensor();

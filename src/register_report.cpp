@@ -120,6 +120,10 @@ std::string to_json(const RegisterSceneReport& report, const Context& context) {
                                    {"columns", correction.columns},
                                    {"rows", correction.rows},
                                    {"inverse_range_offset_per_m", correction.offset_per_m}});
+  for (std::size_t i = 0; i < report.views.size(); ++i)
+    if (!report.views[i].line_offset_rad.empty())
+      json["line_corrections"].push_back(
+          {{"view", report.names[i]}, {"azimuth_offset_rad", report.views[i].line_offset_rad}});
   json["views_left_out"] = report.views_left_out;
   json["disagreement_before"] = Json::parse(to_json(report.disagreement_before, report.names));
   json["disagreement_after"] = Json::parse(to_json(report.disagreement_after, report.names));

@@ -47,15 +47,23 @@ void write_corrected(const RegisterResult& placed, const ViewNoise& noise, const
   parallel_for(context, loaded.views.size(), 1, [&](std::size_t i) {
     View& view = loaded.views[i];
     const auto found = placed.corrections.find(view.sensor_id);
-    if (found == placed.corrections.end()) return;
-    view.range = corrected(view.range, found->second);
+    const std::vector<double>& lines = placed.views[i].line_offset_rad;
+    if (found == placed.corrections.end() && lines.empty()) return;
     ViewSource& source = scene.views[loaded.source_index[i]];
     source.range = {};
     source.range.format = RangeFormat::kExr;
     source.range.file = folder / names[loaded.source_index[i]];
     // Steps of whole disparities are no longer told from surfaces when the noise is estimated anew.
     source.noise = noise.of_view[i];
-    source.range.quantity = RangeQuantity::kZ;  // only pinhole sensors are corrected
+    if (lines.empty()) {
+      view.range = corrected(view.range, found->second);
+      source.range.quantity = RangeQuantity::kZ;  // only pinhole sensors have ranges corrected
+    } else {
+      view.sensor = corrected(std::get<SphericalSensor>(view.sensor), lines);
+      source.sensor = view.sensor;
+      source.sensor_id = view.name;
+      source.range.quantity = RangeQuantity::kDistance;
+    }
     write_range_exr(source.range.file, view.range, view.sensor, view.T_world_view);
   });
 }
@@ -85,7 +93,10 @@ RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOption
     if (!placed.views[i].problem.empty())
       context.warn("view " + view.name + " was left where it was: " + placed.views[i].problem);
   }
-  if (!placed.corrections.empty()) write_corrected(placed, noise, options.corrected_ranges, loaded, out.scene, context);
+  const bool has_lines = std::any_of(placed.views.begin(), placed.views.end(),
+                                     [](const PlacedView& view) { return !view.line_offset_rad.empty(); });
+  if (has_lines || !placed.corrections.empty())
+    write_corrected(placed, noise, options.corrected_ranges, loaded, out.scene, context);
   report.corrections = std::move(placed.corrections);
   StageScope stage(context, "disagreement");
   report.disagreement_after = survey_disagreement(loaded.views, noise.of_view, context);

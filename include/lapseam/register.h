@@ -28,8 +28,9 @@ struct RegisterOptions {
   /// How far points of one surface may be apart at first, metres; 0: a tenth of what a view sees. A view that moves
   /// farther is taken for lost.
   double capture_m = 0;
-  /// Depth cameras (pinhole sensors with eight views or more) measure some parts of their images too far or too near,
-  /// always alike: find by how much, along with the poses.
+  /// Find what sensors are off by, along with the poses. Depth cameras (pinhole sensors with eight views or more)
+  /// measure some parts of their images too far or too near, always alike. Scanners that turn or tilt a line of samples
+  /// (spherical sensors) have lines at other angles than they say, in each scan anew.
   bool calibrate = false;
 };
 
@@ -41,6 +42,9 @@ struct RangeCorrection {
 };
 /// The range image without what the sensor is off by.
 RangeImage corrected(const RangeImage& range, const RangeCorrection& correction);
+
+/// The sensor with the azimuth of each column raised.
+SphericalSensor corrected(const SphericalSensor& sensor, std::span<const double> offset_rad);
 
 /// A view's picture, as ColorSource describes it.
 struct ViewPicture {
@@ -65,6 +69,8 @@ struct PlacedView {
   ViewPlacement placement = ViewPlacement::kPlaced;
   double moved_m = 0, turned_rad = 0;
   std::string problem;  ///< why it was left; empty: it was not
+  /// What the azimuths of a scanner's columns are to be raised by, as calibrated; empty: as they are.
+  std::vector<double> line_offset_rad{};
 };
 
 /// How far apart the surfaces of two views are, along their normals, where both are smooth and within the capture

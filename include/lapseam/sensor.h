@@ -134,7 +134,8 @@ int handedness(const Sensor& sensor);
 /// Distance in metres between neighbouring samples of a surface that faces the sensor at range r, at (u, v):
 /// the geometric mean of the column and row directions.
 double sample_spacing(const Sensor& sensor, double u, double v, double r);
-/// The same in the middle of the image, as a line over range: offset + slope · r.
+/// The same in the middle of the image, as a line over range: offset + slope · r. Of tables of angles, the mean steps
+/// count: those in the middle may be few and uneven.
 struct SpacingLine {
   double offset_m = 0, slope = 0;
   double at(double r) const { return offset_m + slope * r; }

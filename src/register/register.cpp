@@ -11,6 +11,7 @@
 #include "core/parallel.h"
 #include "lapseam/error.h"
 #include "register/brightness.h"
+#include "register/line_angles.h"
 #include "register/network.h"
 #include "register/pairs.h"
 #include "register/range_offsets.h"
@@ -40,6 +41,9 @@ constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
 constexpr int kLastIterations = 4;
 // Poses and what sensors are off by take turns.
 constexpr int kCalibrations = 10;
+// Lines, poses and planes are found together; at first, planes reach this share of the capture range.
+constexpr int kLineRounds = 30;
+constexpr double kLineReach = 0.5;
 // Fewer matches say nothing of a pair.
 constexpr std::size_t kFewestMatches = 30;
 // Each measurement is matched from both sides.
@@ -90,12 +94,10 @@ class Registrar {
     make_pyramids();
     set_capture_range();
     link();
-    {
-      StageScope stage(context_, "register", std::uint64_t(levels_));
-      for (int level = levels_ - 1; level >= 0; --level) {
-        refine(level, level == 0 ? kFineIterations : kCoarseIterations);
-        stage.advance();
-      }
+    refine_all();
+    if (options_.calibrate && calibrate_lines()) {
+      link();
+      refine_all();
     }
     if (options_.calibrate) calibrate();
     StageScope stage(context_, "judge registration");
@@ -142,9 +144,23 @@ class Registrar {
     return out;
   }
 
+  void refine_all() {
+    StageScope stage(context_, "register", std::uint64_t(levels_));
+    for (int level = levels_ - 1; level >= 0; --level) {
+      refine(level, level == 0 ? kFineIterations : kCoarseIterations);
+      stage.advance();
+    }
+  }
+
   // Pairs, and who stays.
   void link() {
     StageScope stage(context_, "find pairs");
+    pairs_.clear();
+    scale_m_ = capture_m_ / kTukey;
+    for (PlacedView& view : result_.views) {
+      view.placement = ViewPlacement::kPlaced;
+      view.problem.clear();
+    }
     for (const Overlap& overlap :
          select_pairs(find_overlaps(posed_at(levels_ - 1), capture_m_, context_), n_, kMostPartners))
       pairs_.push_back({overlap, {capture_m_ / kTukey, capture_m_}});
@@ -234,13 +250,15 @@ class Registrar {
     if (scale_m_ < finest) return;
     const std::vector<std::optional<KdTree>> trees = make_trees(level);
     for (int iteration = 0; iteration < iterations; ++iteration) {
-      const bool has_arrived =
-          step(level, trees, std::max(kOnTheWayEach, kOnTheWay * n_ / (2 * std::max<std::size_t>(1, pairs_.size()))));
-      if (!has_arrived) continue;
+      if (!step(level, trees, on_the_way())) continue;
       if (scale_m_ <= finest || scale_m_ < kNegligible * typical_noise()) break;
       scale_m_ = std::max(finest, kClosing * scale_m_);
     }
     if (level == 0) refine_with_all(trees);
+  }
+
+  std::size_t on_the_way() const {
+    return std::max(kOnTheWayEach, kOnTheWay * n_ / (2 * std::max<std::size_t>(1, pairs_.size())));
   }
 
   // Coarse levels see motions as certain that the finest knows nothing of: what views moved along those is taken back.
@@ -252,6 +270,36 @@ class Registrar {
       move_views(slid_);
       is_taken_back = true;
     }
+  }
+
+  // Poses and lines together, from the poses as given: lines that are off by degrees hold poses off as well.
+  bool calibrate_lines() {
+    StageScope stage(context_, "calibrate lines", kLineRounds);
+    const std::vector<PlacedView> reached = result_.views;
+    LineAngles angles;
+    angles.reach_m = kLineReach * capture_m_;
+    for (int round = 0; round < kLineRounds && step_lines(angles); ++round) stage.advance();
+    const bool has_found =
+        std::any_of(angles.firmness.begin(), angles.firmness.end(), [](double held) { return held > 0; });
+    if (!has_found) result_.views = reached;
+    // Where planes put the views is what later results are judged against.
+    for (std::size_t i = 0; i < n_ && has_found; ++i) corrected_[i].T_world_view = result_.views[i].T_world_view;
+    return has_found;
+  }
+
+  // Whether lines are still moving.
+  bool step_lines(LineAngles& angles) {
+    std::vector<LineView> views(n_);
+    for (std::size_t i = 0; i < n_; ++i)
+      views[i] = {&views_[i], !is_moving(i), center_of(i), std::max(pyramids_[i].radius_m, 1e-9)};
+    const LineStep found = find_line_angles(views, posed_at(0), capture_m_, angles, context_);
+    move_views(found.motion);
+    for (std::size_t i = 0; i < n_; ++i) result_.views[i].line_offset_rad = angles.offsets_rad[i];
+    if (std::any_of(angles.firmness.begin(), angles.firmness.end(), [](double held) { return held > 0; })) {
+      correct_views();
+      make_pyramids();
+    }
+    return !found.is_last;
   }
 
   // Poses are held while offsets are found, and the other way round.
@@ -273,6 +321,8 @@ class Registrar {
   void correct_views() {
     if (corrected_.empty()) corrected_.assign(given_.begin(), given_.end());
     parallel_for(context_, n_, 1, [&](std::size_t i) {
+      const std::vector<double>& lines = result_.views[i].line_offset_rad;
+      if (!lines.empty()) corrected_[i].sensor = corrected(std::get<SphericalSensor>(given_[i].sensor), lines);
       const auto found = result_.corrections.find(given_[i].sensor_id);
       if (found != result_.corrections.end()) corrected_[i].range = corrected(given_[i].range, found->second);
     });
@@ -467,7 +517,9 @@ class Registrar {
       std::string problem;
       if (!has_matches[i]) problem = "shows nothing that another view shows";
       if (is_lost(i)) problem = "moved farther than the capture range";
-      if (is_worse(gain_before[i], gain_after[i])) problem = "agreed better with the other views where it was";
+      if (is_worse(gain_before[i], gain_after[i]))
+        problem = result_.views[i].line_offset_rad.empty() ? "agreed better with the other views where it was"
+                                                           : "agreed better where planes had put it";
       if (problem.empty()) continue;
       leave(i, problem);
       is_changed = true;
@@ -535,8 +587,8 @@ class Registrar {
     for (const SlidingMode& mode : step.sliding) result_.report.sliding.push_back(describe(mode));
     for (std::size_t i = 0; i < n_; ++i) {
       PlacedView& view = result_.views[i];
-      const Eigen::Isometry3d moved = view.T_world_view * views_[i].T_world_view.inverse(Eigen::Isometry);
-      view.moved_m = (view.T_world_view.translation() - views_[i].T_world_view.translation()).norm();
+      const Eigen::Isometry3d moved = view.T_world_view * given_[i].T_world_view.inverse(Eigen::Isometry);
+      view.moved_m = (view.T_world_view.translation() - given_[i].T_world_view.translation()).norm();
       view.turned_rad = Eigen::AngleAxisd(moved.linear()).angle();
       view.covariance = about_origin(step.covariance[i], view.T_world_view.translation() - center_of(i));
     }

@@ -93,7 +93,29 @@ double sample_spacing(const Sensor& sensor, double u, double v, double r) {
   return std::sqrt(du * dv);
 }
 
-SpacingLine spacing_line(const Sensor& sensor) {
+namespace {
+
+// The table as if its steps were all alike; itself where they are.
+std::vector<double> evened(const std::vector<double>& table) {
+  constexpr double kEven = 1e-9;
+  std::vector<double> out = table;
+  double farthest = 0;
+  for (std::size_t i = 0; i < table.size(); ++i) {
+    out[i] =
+        table.front() + (table.back() - table.front()) * double(i) / double(std::max<std::size_t>(1, table.size() - 1));
+    farthest = std::max(farthest, std::abs(out[i] - table[i]));
+  }
+  return farthest < kEven ? table : out;
+}
+
+}  // namespace
+
+SpacingLine spacing_line(const Sensor& given) {
+  Sensor sensor = given;
+  if (auto* spherical = std::get_if<SphericalSensor>(&sensor)) {
+    spherical->azimuth_rad = evened(spherical->azimuth_rad);
+    spherical->elevation_rad = evened(spherical->elevation_rad);
+  }
   const double u = 0.5 * (width(sensor) - 1), v = 0.5 * (height(sensor) - 1);
   const double at_one = sample_spacing(sensor, u, v, 1.0), at_two = sample_spacing(sensor, u, v, 2.0);
   return {2 * at_one - at_two, at_two - at_one};

@@ -1,3 +1,4 @@
+#include "formats/bytes.h"
 #include "io/colmap.h"
 
 #include <cstring>
@@ -6,11 +7,6 @@
 
 namespace lapseam::test {
 namespace {
-
-template <typename T>
-void append(std::string& bytes, const T& value) {
-  bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
-}
 
 std::string depth_map(int width, int height) {
   std::string bytes = std::to_string(width) + "&" + std::to_string(height) + "&1&";

@@ -1,3 +1,4 @@
+#include "formats/bytes.h"
 #include "io/sens.h"
 
 #include <zlib.h>
@@ -9,11 +10,6 @@
 
 namespace lapseam::test {
 namespace {
-
-template <typename T>
-void append(std::string& bytes, const T& value) {
-  bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
-}
 
 void append_matrix(std::string& bytes, float fx, float cx, float cy) {
   for (const float value : {fx, 0.0f, cx, 0.0f, 0.0f, fx, cy, 0.0f, 0.0f, 0.0f, 1.0f, 0.0f, 0.0f, 0.0f, 0.0f, 1.0f})

@@ -103,6 +103,13 @@ void print_corrections(const RegisterSceneReport& report) {
         "sensor {}: ranges are off by {:+.2g} to {:+.2g} mm at 1 m, and with the square of the range; corrected\n", id,
         -1000 * *high, -1000 * *low);
   }
+  for (std::size_t i = 0; i < report.views.size(); ++i) {
+    const std::vector<double>& lines = report.views[i].line_offset_rad;
+    if (lines.empty()) continue;
+    const auto [low, high] = std::minmax_element(lines.begin(), lines.end());
+    fmt::print("view {}: lines are off by {:+.2g} to {:+.2g} deg; corrected\n", report.names[i], -kDegPerRad * *high,
+               -kDegPerRad * *low);
+  }
 }
 
 void print_summary(const RegisterSceneReport& report) {
@@ -169,9 +176,10 @@ void add_register_command(CLI::App& app) {
   command->add_option("--fixed", arguments->fixed, "Names of views that stay; the first, when none is given")
       ->delimiter(',');
   command->add_flag("--no-color", arguments->no_color, "Geometry alone, where views have pictures");
-  command->add_flag("--calibrate", arguments->calibrate,
-                    "Also find what each depth camera measures too far or too near, by place in its image, and write "
-                    "range images without it");
+  command->add_flag(
+      "--calibrate", arguments->calibrate,
+      "Also find what each depth camera measures too far or too near, by place in its image, and at which "
+      "angles the lines of a scanner really are; write range images without it");
   command
       ->add_option("--capture", arguments->capture_mm,
                    "How far apart points of one surface may be at first, millimetres; a tenth of what a view sees by "
