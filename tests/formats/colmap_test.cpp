@@ -1,8 +1,8 @@
-#include "formats/bytes.h"
 #include "io/colmap.h"
 
 #include <cstring>
 
+#include "bytes.h"
 #include "room_scene.h"
 
 namespace lapseam::test {

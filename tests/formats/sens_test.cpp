@@ -1,10 +1,10 @@
-#include "formats/bytes.h"
 #include "io/sens.h"
 
 #include <zlib.h>
 
 #include <limits>
 
+#include "bytes.h"
 #include "io/page_codec.h"
 #include "room_scene.h"
 
