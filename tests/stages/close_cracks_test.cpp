@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "lapseam/health.h"
@@ -72,10 +74,10 @@ TEST(CloseCracks, WhatIsFoldedIntoAHoleIsReplaced) {
   const Eigen::Vector3f middle(0.05f, 0.02f, 0);
   ASSERT_GT(punch(mesh, middle, 0.12f), 2u);
   // The rim's vertex nearest to the middle goes over to the other side: its triangles cover the hole, upside down.
-  std::size_t nearest = 0;
-  for (std::size_t v = 1; v < mesh.vertex_count(); ++v)
-    if ((mesh.positions_m[v] - middle).norm() < (mesh.positions_m[nearest] - middle).norm()) nearest = v;
-  mesh.positions_m[nearest] += 4 * (middle - mesh.positions_m[nearest]);
+  Eigen::Vector3f& nearest = *std::min_element(
+      mesh.positions_m.begin(), mesh.positions_m.end(),
+      [&](const Eigen::Vector3f& a, const Eigen::Vector3f& b) { return (a - middle).norm() < (b - middle).norm(); });
+  nearest += 4 * (middle - nearest);
   const CloseCracksReport report = close_cracks(mesh, joined.patches, {}, context);
   EXPECT_GT(report.triangles_replaced, 0u);
   expect_valid_mesh(mesh);
