@@ -134,8 +134,9 @@ bool CrackLoops::close_one(const Judged& judged, const TriangleRule& rule) {
     if (is_new) place->second = !is_contradicted(t, judged.views);
     return place->second;
   });
-  const bool is_closed = close_loop(mesh_, check_, judged.loop, LoopGoal::kArea, rule, TriangleTag::kSeam) ||
-                         widen_and_close(judged, rule);
+  const bool is_closed =
+      close_loop(mesh_, check_, judged.loop, LoopGoal::kArea, rule, TriangleTag::kSeam, LoopEffort::kQuick) ||
+      widen_and_close(judged, rule);
   check_.set_condition({});
   if (!is_closed) hopeless_.insert(std::move(key));
   return is_closed;
@@ -185,7 +186,8 @@ std::vector<Loop> CrackLoops::outlines_of(std::span<const std::uint32_t> removed
 
 bool CrackLoops::close_all(std::span<const Loop> loops, const TriangleRule& rule) {
   return std::all_of(loops.begin(), loops.end(), [&](const Loop& loop) {
-    return is_open(loop) && close_loop(mesh_, check_, loop, LoopGoal::kArea, rule, TriangleTag::kSeam);
+    return is_open(loop) &&
+           close_loop(mesh_, check_, loop, LoopGoal::kArea, rule, TriangleTag::kSeam, LoopEffort::kQuick);
   });
 }
 

@@ -144,9 +144,10 @@ bool try_to_add(LiveMesh& mesh, TriangleCheck& check, LoopSolver& solver,
 }
 
 bool close_whole(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, LoopGoal goal, const TriangleRule& rule,
-                 TriangleTag tag) {
+                 TriangleTag tag, LoopEffort effort) {
   LoopSolver solver(mesh, loop, goal);
-  const std::size_t attempts = std::clamp<std::size_t>(6000 / loop.size(), 30, 300);
+  const std::size_t attempts =
+      std::clamp<std::size_t>(6000 / loop.size(), 30, 300) / (effort == LoopEffort::kQuick ? 4 : 1);
   for (std::size_t attempt = 0; attempt < attempts; ++attempt) {
     const auto triangles = solver.solve();
     if (triangles.empty()) return false;
@@ -234,14 +235,14 @@ std::size_t cut_ears(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, con
 }
 
 bool close_loop(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, LoopGoal goal, const TriangleRule& rule,
-                TriangleTag tag) {
+                TriangleTag tag, LoopEffort effort) {
   if (loop.size() < 3) return false;
-  if (loop.size() <= kLargestWhole) return close_whole(mesh, check, loop, goal, rule, tag);
+  if (loop.size() <= kLargestWhole) return close_whole(mesh, check, loop, goal, rule, tag, effort);
   TriangleRule gentle = rule;
   gentle.fold_cosine = std::max(rule.fold_cosine, 0.0);
   EarCutter cutter(mesh, check, loop, gentle, tag);
   const Loop rest = cutter.cut(kLargestWhole);
-  if (rest.size() <= 2 * kLargestWhole && close_whole(mesh, check, rest, goal, rule, tag)) return true;
+  if (rest.size() <= 2 * kLargestWhole && close_whole(mesh, check, rest, goal, rule, tag, effort)) return true;
   cutter.take_back();
   return false;
 }

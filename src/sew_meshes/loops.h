@@ -27,11 +27,17 @@ enum class LoopGoal {
   kArea,   ///< the sharpest fold is as flat as can be, then the area is least (Liepa 2003): holes
 };
 
+/// How many triangulations are tried, where the first ones meet something.
+enum class LoopEffort {
+  kThorough,
+  kQuick,  ///< a quarter: where there is another way to close a loop
+};
+
 /// Closes a loop without new vertices, or leaves everything as it was and returns false. The new triangles meet nothing
 /// and fit the rule. Cost: O(n³) and a few dozen times that where the first choices meet something; loops of more than
 /// kLargestWhole edges lose ears first, sharpest corners first.
 bool close_loop(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, LoopGoal goal, const TriangleRule& rule,
-                TriangleTag tag);
+                TriangleTag tag, LoopEffort effort = LoopEffort::kThorough);
 /// Fills corners of a loop as far as the rule and the check allow, the sharpest first; returns how many.
 std::size_t cut_ears(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, const TriangleRule& rule, TriangleTag tag);
 inline constexpr std::size_t kLargestWhole = 128;
