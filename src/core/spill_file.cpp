@@ -19,8 +19,8 @@ namespace lapseam {
 namespace {
 
 constexpr std::chrono::milliseconds kWatchInterval(1);
-// Between two looks the process may take as much as this more.
-constexpr std::uint64_t kMargin = 15'000'000;
+// Between two looks the process may take as much as this more: the watcher shares the processors with all workers.
+constexpr std::uint64_t kMargin = 25'000'000;
 // Giving back what is read again at once helps nobody: the next time is when so much has come in again.
 constexpr std::uint64_t kLeastEviction = 4'000'000;
 
