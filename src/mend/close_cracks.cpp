@@ -13,8 +13,6 @@
 namespace lapseam {
 namespace {
 
-// Longer outlines are gaps between two pieces, or have holes in them: no disk closes them.
-constexpr std::size_t kLongestLoop = 64;
 constexpr TriangleRule kRule = {.smallest_sine = 1e-3, .fold_cosine = -0.7};
 // Where nothing better fits: slits of a few edges with a fold in them.
 constexpr TriangleRule kSlitRule = {.smallest_sine = 1e-4, .fold_cosine = -0.95};

@@ -12,8 +12,6 @@
 namespace lapseam {
 namespace {
 
-// Longer outlines than this are gaps between two pieces, or have holes in them: no disk closes them.
-constexpr std::size_t kLongestOutline = 64;
 constexpr float kCrackShare = 0.5f;
 constexpr float kMostSigma = 1.4f;  // noise of a witness against that of the vertices around
 constexpr float kBeyond = 0.5f;     // how far beyond an edge its surface must go on, in sides of its triangle
@@ -66,11 +64,14 @@ void CrackLoops::close(std::size_t longest, const TriangleRule& rule) {
   }
 }
 
-CrackLoops::Judged CrackLoops::judge(const Loop& loop) const {
-  Judged out{loop, {}, 0};
+std::vector<std::uint32_t> CrackLoops::views_of(std::span<const std::uint32_t> vertices) const {
   Eigen::AlignedBox3f box;
-  for (const std::uint32_t v : loop) box.extend(mesh_.position(v));
-  out.views = witnesses_.find_views(box.center(), 0.5f * box.diagonal().norm());
+  for (const std::uint32_t v : vertices) box.extend(mesh_.position(v));
+  return witnesses_.find_views(box.center(), 0.5f * box.diagonal().norm());
+}
+
+CrackLoops::Judged CrackLoops::judge(const Loop& loop) const {
+  Judged out{loop, views_of(loop), 0};
   float length = 0, cracked = 0;
   for (std::size_t i = 0; i < loop.size(); ++i) {
     const std::uint32_t a = loop[i], b = loop[(i + 1) % loop.size()];
@@ -179,7 +180,7 @@ std::vector<Loop> CrackLoops::outlines_of(std::span<const std::uint32_t> removed
       if (mesh_.is_open(b, a)) edges.push_back({b, a});
     }
   std::vector<Loop> outlines = trace_loops(mesh_, edges);
-  if (std::any_of(outlines.begin(), outlines.end(), [](const Loop& loop) { return loop.size() > kLongestOutline; }))
+  if (std::any_of(outlines.begin(), outlines.end(), [](const Loop& loop) { return loop.size() > kLongestLoop; }))
     outlines.clear();
   return outlines;
 }
@@ -210,10 +211,7 @@ void CrackLoops::take_back(std::size_t first) {
 
 void CrackLoops::fill_corners(const TriangleRule& rule) {
   check_.set_condition([&](const Triangle& t) {
-    Eigen::AlignedBox3f box;
-    for (const std::uint32_t v : t) box.extend(mesh_.position(v));
-    return !is_contradicted(t, witnesses_.find_views(box.center(), 0.5f * box.diagonal().norm())) &&
-           !layers_.is_covered(t, Layers::Places::kSpread);
+    return !is_contradicted(t, views_of(t)) && !layers_.is_covered(t, Layers::Places::kSpread);
   });
   for (const Loop& loop : trace_loops(mesh_, open_edges(mesh_))) {
     context_.throw_if_cancelled();

@@ -15,6 +15,9 @@
 
 namespace lapseam {
 
+/// Longer outlines are gaps between two pieces, or have holes in them: no disk closes them.
+inline constexpr std::size_t kLongestLoop = 64;
+
 /// Of every vertex: how far it may be off along its normal, and the noise of its sample along its ray.
 struct VertexNoise {
   std::span<const float> error_m, sigma_m;
@@ -40,6 +43,8 @@ class CrackLoops {
     float crack_share = 0;
   };
 
+  /// Those that may see some of the vertices.
+  std::vector<std::uint32_t> views_of(std::span<const std::uint32_t> vertices) const;
   Judged judge(const Loop& loop) const;
   bool goes_on_beyond(std::uint32_t a, std::uint32_t b, std::span<const std::uint32_t> views) const;
   bool is_confirmed(const Hearing& hearing, float sigma_m) const;

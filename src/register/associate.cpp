@@ -14,8 +14,6 @@ namespace {
 constexpr float kAlike = 0.8f;
 // A closest surfel farther off sideways than this many spacings lies at the border of what b saw.
 constexpr float kSideways = 1.0f;
-// Median absolute value of a normal distribution, inverted.
-constexpr double kNormalPerMedian = 1.4826;
 // Fewest colours that a median and a spread can be had from.
 constexpr std::size_t kFewestColors = 30;
 // Colours of neighbouring surfels are off together (blur, shading, misplaced colour cameras): they count as if each
@@ -25,11 +23,6 @@ constexpr double kColorCorrelation = 4;
 constexpr double kNearest = 0.5;
 // Below, the errors of normals are not known.
 constexpr double kLeastTilt_rad = 1e-3;
-
-double tukey(double residual, double gate) {
-  const double t = residual / gate, s = 1 - t * t;
-  return s > 0 ? s * s : 0;
-}
 
 class Matcher {
  public:

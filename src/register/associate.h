@@ -35,6 +35,13 @@ struct Match {
 
 /// Residuals of this many standard deviations count no more (Tukey's biweight at 95 % efficiency).
 inline constexpr double kTukey = 4.685;
+/// The weight of a residual; none from the gate on.
+inline double tukey(double residual, double gate) {
+  const double t = residual / gate, s = 1 - t * t;
+  return s > 0 ? s * s : 0;
+}
+/// Standard deviation of normally distributed values, of the median of their absolute values.
+inline constexpr double kNormalPerMedian = 1.4826;
 
 /// What residuals count, and how much.
 struct Gate {

@@ -36,7 +36,6 @@ constexpr double kLeastStep = 0.125;
 constexpr double kSettled = 0.9;
 // Lines that move by less than this share of their step have arrived.
 constexpr double kStill = 0.1;
-constexpr double kNormalPerMedian = 1.4826;
 
 // A sample on a plane. World axes.
 struct Sample {
@@ -216,10 +215,8 @@ class LineFinder {
     std::nth_element(distances.begin(), middle, distances.end());
     const double scale = kNormalPerMedian * double(*middle);
     for (auto& samples : samples_)
-      for (Sample& sample : samples) {
-        const double t = double(sample.residual_m) / (kTukey * scale), fit = std::max(0.0, 1 - t * t);
-        sample.weight = fit * fit / (scale * scale);
-      }
+      for (Sample& sample : samples)
+        sample.weight = tukey(double(sample.residual_m), kTukey * scale) / (scale * scale);
     const double reach_m = std::min(angles_.reach_m, kTukey * scale);
     if (reach_m > kSettled * angles_.reach_m) angles_.has_settled = true;
     angles_.reach_m = reach_m;
