@@ -23,6 +23,13 @@ constexpr float kLowestCosine = 0.15f;    // 81°: beyond, a range says nothing 
 // Range images are smoothed: measurements of one spot differ by much less than the noise of a single sample. What
 // differs by more than this share of it does so because a view blurs an edge, and would blur the mean.
 constexpr float kConsensusGate = 0.5f;
+// Poses and calibration, though, part whole views: all that they may be off by belongs into the mean.
+constexpr float kRegistrationGate = 3.0f;
+// The mean of what lies within the gate about the last mean, so often: it no longer depends on where the sample was.
+constexpr int kConsensusSteps = 3;
+// A sample is a phantom if more than this share of those that measured its spot look through it. One that does, where
+// many agree, has a step beside it that is out of place by the error of its pose.
+constexpr float kLookingThrough = 0.5f;
 // Views with more than this many times the noise have no say: their weights are small, but they are many, and what
 // smoothing did to their edges is no noise that a mean would take away.
 constexpr double kLargestNoiseRatio = 2;
@@ -92,15 +99,11 @@ float largest_tolerance(const Judge& judge, const Eigen::Vector3f& center, const
          kLowestCosine;
 }
 
-// A shift in fractions of the sample's sigma: those of all views are kept until all are known. None is over eight
-// sigmas.
-constexpr float kShiftsPerSigma = 4000;
-std::int16_t coded_shift(const Patch& patch, std::size_t pixel, float shift_m) {
-  const auto sigma = float(patch.noise.sigma(double(patch.view.range.pixels[pixel])));
-  return std::int16_t(std::lround(std::clamp(kShiftsPerSigma * shift_m / sigma, -32767.0f, 32767.0f)));
-}
-float decoded_shift(const Patch& patch, std::size_t pixel, std::int16_t code) {
-  return float(code) / kShiftsPerSigma * float(patch.noise.sigma(double(patch.view.range.pixels[pixel])));
+// Unit of the shift along a sample's ray, which is kept until those of all samples are known. None is over eight times
+// what the sample may be off by.
+float shift_unit_m(const Patch& patch, std::size_t pixel, double registration_error_m) {
+  constexpr double kUnits = 4000;
+  return float(std::hypot(patch.noise.sigma(double(patch.view.range.pixels[pixel])), registration_error_m) / kUnits);
 }
 
 // Judges the samples of one tile of one view.
@@ -132,8 +135,7 @@ class TileClaims {
     ask_all(judges);
     for (const Sample& sample : samples_) {
       claims_.pixels[sample.pixel] = code(sample.claim);
-      if (sample.claim != Claim::kPhantom)
-        shift_.pixels[sample.pixel] = coded_shift(patch_, sample.pixel, shift_of(sample));
+      if (sample.claim != Claim::kPhantom) shift_.pixels[sample.pixel] = coded_shift(sample.pixel, shift_of(sample));
     }
   }
 
@@ -144,9 +146,16 @@ class TileClaims {
     Eigen::Vector3f point;  // in the view's frame
     std::uint32_t pixel = 0;
     float error_m = 0;
-    float sum = 0, weighted = 0;  // of the consensus: weights, and what the others say times weight, along the normal
+    float consensus_m = 0;  // along the normal, from where it was measured
+    std::uint16_t agreeing = 0, looking_through = 0;
     std::uint8_t confidence = 0;
     Claim claim = Claim::kBest;
+  };
+
+  // What another view measured of a sample's spot, along the normal, and how far that may lie from the mean.
+  struct Opinion {
+    std::uint32_t sample;
+    float off_m, weight, squared_gate;
   };
 
   struct Node {
@@ -176,16 +185,19 @@ class TileClaims {
         claims_.pixels[pixel] = code(node(s > 0.5f, t > 0.5f).claim);
         const float shift = (1 - t) * ((1 - s) * node(0, 0).shift + s * node(1, 0).shift) +
                             t * ((1 - s) * node(0, 1).shift + s * node(1, 1).shift);
-        shift_.pixels[pixel] = coded_shift(patch_, pixel, shift);
+        shift_.pixels[pixel] = coded_shift(pixel, shift);
       }
   }
 
   // Along the ray, to the mean of all views.
   float shift_of(const Sample& sample) const {
-    if (!(sample.sum > 0)) return 0;
-    const float own_weight = 1 / (sample.error_m * sample.error_m + squared_registration());
     const float cosine = std::max(kLowestCosine, float(patch_.incidence.pixels[sample.pixel]) / 255);
-    return sample.weighted / (sample.sum + own_weight) / cosine;
+    return sample.consensus_m / cosine;
+  }
+
+  std::int16_t coded_shift(std::size_t pixel, float shift_m) const {
+    const float unit_m = shift_unit_m(patch_, pixel, options_.registration_error_m);
+    return std::int16_t(std::lround(std::clamp(shift_m / unit_m, -32767.0f, 32767.0f)));
   }
 
   // One judge after another, each over all samples. What they fall on lies scattered over the judge's image: it is
@@ -195,7 +207,6 @@ class TileClaims {
       seen_.clear();
       const Patch& other = *judge.patch;
       for (std::uint32_t i = 0; i < samples_.size(); ++i) {
-        if (samples_[i].claim == Claim::kPhantom) continue;
         Seen seen{i, 0, {}};
         if (!find_pixel(judge, samples_[i].point, seen)) continue;
         __builtin_prefetch(&other.view.range.pixels[seen.pixel]);
@@ -210,6 +221,27 @@ class TileClaims {
       }
       for (const Seen& seen : seen_) ask(judge, samples_[seen.sample], seen);
     }
+    find_consensus();
+    for (Sample& sample : samples_)
+      if (float(sample.looking_through) > kLookingThrough * float(1 + sample.agreeing)) sample.claim = Claim::kPhantom;
+  }
+
+  // Weighted means of the opinions, the sample's own among them.
+  void find_consensus() {
+    for (int step = 0; step < kConsensusSteps; ++step) {
+      sums_.assign(samples_.size(), {});
+      for (const Opinion& opinion : opinions_) {
+        const float off = opinion.off_m - samples_[opinion.sample].consensus_m;
+        if (off * off > opinion.squared_gate) continue;
+        sums_[opinion.sample].weights += opinion.weight;
+        sums_[opinion.sample].weighted_m += opinion.weight * opinion.off_m;
+      }
+      for (std::size_t i = 0; i < samples_.size(); ++i) {
+        const float own_weight = 1 / (samples_[i].error_m * samples_[i].error_m + squared_registration());
+        samples_[i].consensus_m = sums_[i].weighted_m / (sums_[i].weights + own_weight);
+      }
+    }
+    opinions_.clear();
   }
 
   // Every cell from (u, v) to the next lattice points has both its triangles.
@@ -271,8 +303,7 @@ class TileClaims {
     return !(measured > seen.at.r - most);
   }
 
-  void ask(const Judge& judge, Sample& sample, const Seen& seen) const {
-    if (sample.claim == Claim::kPhantom) return;
+  void ask(const Judge& judge, Sample& sample, const Seen& seen) {
     const Patch& other = *judge.patch;
     const std::size_t pixel = seen.pixel;
     const Pixel& at = seen.at;
@@ -293,18 +324,17 @@ class TileClaims {
     const float behind = between - at.r;
     if (std::abs(behind) <= kDisagreement * along_normal / cosine + slack) {
       if (!is_same_side(judge, pixel, sample)) return;
+      ++sample.agreeing;
       // Both errors are taken along the normal, where they mean the same for both views.
-      const float off = behind * cosine, systematic = squared_registration();
-      if (is_smooth && off * off <= kConsensusGate * kConsensusGate * (variance + systematic)) {
-        const float weight = 1 / (own * own + systematic);
-        sample.sum += weight;
-        sample.weighted += weight * off;
-      }
+      const float systematic = squared_registration();
+      const float squared_gate =
+          kConsensusGate * kConsensusGate * variance + kRegistrationGate * kRegistrationGate * systematic;
+      if (is_smooth) opinions_.push_back({seen.sample, behind * cosine, 1 / (own * own + systematic), squared_gate});
       if (other_confidence > sample.confidence || (other_confidence == sample.confidence && judge.wins_ties))
         sample.claim = Claim::kYields;
     } else if (options_.remove_seen_through && behind > 0 &&
                is_seen_through(other, pixel, at.r, kClearanceFactor * along_normal)) {
-      sample.claim = Claim::kPhantom;
+      ++sample.looking_through;
     }
   }
 
@@ -358,6 +388,11 @@ class TileClaims {
   const PatchTile* tile_ = nullptr;
   std::vector<Sample> samples_;
   std::vector<Seen> seen_;
+  std::vector<Opinion> opinions_;
+  struct Sum {
+    float weights = 0, weighted_m = 0;
+  };
+  std::vector<Sum> sums_;  // of the opinions on each sample
   std::array<Node, std::size_t(kNodes* kNodes)> node_;
 };
 
@@ -437,7 +472,8 @@ std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const O
   parallel_for(context, patches.size(), 1, [&](std::size_t i) {
     for (std::size_t k = 0; options.consensus && k < shifts[i].size(); ++k)
       if (shifts[i].pixels[k] != 0)
-        patches[i].view.range.pixels[k] += decoded_shift(patches[i], k, shifts[i].pixels[k]);
+        patches[i].view.range.pixels[k] +=
+            float(shifts[i].pixels[k]) * shift_unit_m(patches[i], k, options.registration_error_m);
     ClaimCounts sum;
     sum.islands += give_islands(patches[i].grid, claims[i], Claim::kBest, Claim::kYields, options.smallest_island);
     sum.islands += give_islands(patches[i].grid, claims[i], Claim::kYields, Claim::kBest, options.smallest_island);
