@@ -11,7 +11,11 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 Json of_noise(const NoiseModel& noise) {
-  return {{"s0_m", noise.s0_m}, {"s1", noise.s1}, {"s2_per_m", noise.s2_per_m}, {"floor_m", noise.floor_m}};
+  return {{"s0_m", noise.s0_m},
+          {"s1", noise.s1},
+          {"s2_per_m", noise.s2_per_m},
+          {"floor_m", noise.floor_m},
+          {"correlation", noise.correlation}};
 }
 
 Json of_claims(const ClaimCounts& counts) {

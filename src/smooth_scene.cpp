@@ -26,7 +26,8 @@ bool is_same_file(const fs::path& a, const fs::path& b) {
 }
 
 NoiseModel scaled(NoiseModel noise, double factor) {
-  return {noise.s0_m * factor, noise.s1 * factor, noise.s2_per_m * factor, noise.floor_m * factor};
+  for (double* term : {&noise.s0_m, &noise.s1, &noise.s2_per_m, &noise.floor_m}) *term *= factor;
+  return noise;
 }
 
 class SceneSmoother {

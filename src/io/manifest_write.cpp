@@ -67,7 +67,11 @@ Json to_json(const PoseCovariance& covariance) {
 }
 
 Json to_json(const NoiseModel& noise) {
-  return {{"s0_m", noise.s0_m}, {"s1", noise.s1}, {"s2_per_m", noise.s2_per_m}, {"floor_m", noise.floor_m}};
+  return {{"s0_m", noise.s0_m},
+          {"s1", noise.s1},
+          {"s2_per_m", noise.s2_per_m},
+          {"floor_m", noise.floor_m},
+          {"correlation", noise.correlation}};
 }
 
 void put_axis(Json& object, const char* limits_key, const char* table_key, const std::vector<double>& angles_rad) {

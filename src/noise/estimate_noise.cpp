@@ -27,6 +27,8 @@ constexpr std::size_t kFewestPerBin = 200, kFewestInAll = 30;
 constexpr double kEdge = 2.5, kMedianOfAll = 0.67449, kMedianBelowEdge = 0.66479;
 // A value rounded to steps is off by this part of a step.
 const double kFromStep = 1 / std::sqrt(12.0);
+// From here on a mean over neighbours is no better than one of them.
+constexpr double kMostCorrelated = 4;
 // A float holds a value to half a unit in the last of 24 bits.
 constexpr double kFloatStep = 1.0 / (1 << 24);
 
@@ -99,14 +101,20 @@ double step_between(const std::vector<float>& sorted, float from, float to, doub
   return double(*at);
 }
 
-std::vector<NoiseBin> make_bins(std::vector<Roughness>& samples, const std::vector<float>& sorted_ranges) {
+struct Bins {
+  std::vector<NoiseBin> bins;
+  double correlation = 1;
+};
+
+Bins make_bins(std::vector<Roughness>& samples, const std::vector<float>& sorted_ranges) {
   std::sort(samples.begin(), samples.end(), [](const Roughness& a, const Roughness& b) {
     return a.range != b.range ? a.range < b.range : a.residual_m < b.residual_m;
   });
   const float low = samples.front().range, high = samples.back().range;
   const double ratio = std::max(std::pow(double(high) / double(low), 1.0 / kBins), kNarrowestBin);
   const std::size_t fewest = std::min(kFewestPerBin, samples.size());
-  std::vector<NoiseBin> bins;
+  Bins out;
+  double correlation = 0, samples_in_all = 0;
   std::vector<float> sizes;
   std::size_t begin = 0;
   for (int k = 1; k <= kBins; ++k) {
@@ -119,11 +127,15 @@ std::vector<NoiseBin> make_bins(std::vector<Roughness>& samples, const std::vect
     for (std::size_t i = begin; i < end; ++i) sizes.push_back(std::abs(samples[i].residual_m));
     const double step = step_between(sorted_ranges, samples[begin].range, samples[end - 1].range, 0.5);
     const double middle = double(samples[begin + (end - begin) / 2].range);
-    const double least = std::max(step * kFromStep, middle * kFloatStep);
-    bins.push_back({middle, std::max(robust_sigma(sizes), least), double(end - begin)});
+    const double least = std::max(step * kFromStep, middle * kFloatStep), rough = robust_sigma(sizes);
+    const double excess = step > 0 ? step * kFromStep / std::max(rough, middle * kFloatStep) : 1;
+    out.bins.push_back({middle, std::max(rough, least), double(end - begin)});
+    correlation += double(end - begin) * std::clamp(excess * excess, 1.0, kMostCorrelated);
+    samples_in_all += double(end - begin);
     begin = end;
   }
-  return bins;
+  if (samples_in_all > 0) out.correlation = correlation / samples_in_all;
+  return out;
 }
 
 }  // namespace
@@ -139,12 +151,13 @@ NoiseMeasurement measure_noise(std::span<const View* const> views, Context& cont
   if (samples.ranges.empty()) throw InvalidInput({}, views.front()->name, "noise", "no sample to estimate it from");
 
   const auto middle = double(samples.ranges[samples.ranges.size() / 2]);
-  std::vector<NoiseBin> bins;
-  if (samples.roughness.size() >= kFewestInAll) bins = make_bins(samples.roughness, samples.ranges);
-  NoiseModel noise = bins.empty() ? NoiseModel{0, kUnknownNoise, 0, 0} : fit_noise(bins);
+  Bins found;
+  if (samples.roughness.size() >= kFewestInAll) found = make_bins(samples.roughness, samples.ranges);
+  NoiseModel noise = found.bins.empty() ? NoiseModel{.s1 = kUnknownNoise} : fit_noise(found.bins);
   const double step = step_between(samples.ranges, samples.ranges.front(), samples.ranges.back(), 0.1);
   noise.floor_m = std::max(step * kFromStep, middle * kFloatStep);
-  return {noise, std::move(bins)};
+  noise.correlation = found.correlation;
+  return {noise, std::move(found.bins)};
 }
 
 }  // namespace lapseam

@@ -60,7 +60,7 @@ Parabola fit_terms(std::span<const NoiseBin> bins, std::span<const double> weigh
 
 NoiseModel expand(const Parabola& p) {
   const double c0 = p.coefficients[0], c1 = p.coefficients[1], c2 = p.coefficients[2];
-  return {c0 - c1 * p.pivot + c2 * p.pivot * p.pivot, c1 - 2 * c2 * p.pivot, c2, 0};
+  return {c0 - c1 * p.pivot + c2 * p.pivot * p.pivot, c1 - 2 * c2 * p.pivot, c2};
 }
 
 NoiseModel fit_weighted(std::span<const NoiseBin> bins, std::span<const double> weights) {

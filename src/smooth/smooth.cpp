@@ -122,6 +122,7 @@ class Smoother {
       : grid_{view.range.width, view.range.height, wraps(view.sensor), std::get_if<MeasuredGridSensor>(&view.sensor)},
         is_central_(!grid_.measured && !std::holds_alternative<OrthographicSensor>(view.sensor)),
         sensor_(view.sensor),
+        correlation_(float(noise.correlation)),
         value_(view.range.size()),
         variance_(view.range.size()) {
     for (std::size_t i = 0; i < value_.size(); ++i) {
@@ -267,7 +268,7 @@ class Smoother {
              own_variance);
   }
 
-  static float correlation_at(int distance) { return distance > 1 ? kCorrelation : 1.0f; }
+  float correlation_at(int distance) const { return correlation_ * (distance > 1 ? kCorrelation : 1.0f); }
   static float variance_left(const Mean& mean, float own_variance, float correlation) {
     const float total = 1.0f + mean.weights;
     return std::min(own_variance, correlation * (own_variance + mean.variances) / (total * total));
@@ -342,6 +343,7 @@ class Smoother {
   Grid grid_;
   bool is_central_;
   const Sensor& sensor_;
+  float correlation_;
   // In the quantity that is affine on a plane; variance 0: no sample.
   Pixels<float> value_, variance_, initial_variance_;
   Pixels<float> next_value_, next_variance_;

@@ -120,6 +120,16 @@ TEST(EstimateNoise, RoundingSetsTheFloor) {
     EXPECT_GE(found.sigma(r), 0.00028);
     EXPECT_LE(found.sigma(r), 0.00045);
   }
+  EXPECT_GT(found.correlation, 1.2);
+  EXPECT_LE(found.correlation, 4);
+}
+
+TEST(EstimateNoise, RoundingBelowTheNoiseLeavesNeighborsIndependent) {
+  const PinholeSensor sensor{640, 480, 525, 525, 319.5, 239.5, {}};
+  View view = room_view(sensor, {0.002, 0, 0, 0}, 1, {1, 0.4, -0.3});
+  EXPECT_EQ(estimate({view}).correlation, 1);
+  for (float& r : view.range.pixels) r = std::round(r * 1000) / 1000;
+  EXPECT_EQ(estimate({view}).correlation, 1);
 }
 
 TEST(EstimateNoise, NoNoiseIsTinyButPositive) {
@@ -142,6 +152,7 @@ TEST(EstimateNoise, SameForAnyNumberOfThreads) {
     EXPECT_EQ(one.s1, other.s1);
     EXPECT_EQ(one.s2_per_m, other.s2_per_m);
     EXPECT_EQ(one.floor_m, other.floor_m);
+    EXPECT_EQ(one.correlation, other.correlation);
   }
 }
 

@@ -106,6 +106,41 @@ TEST(Overlap, WhatAnotherViewSeesThroughGoes) {
   EXPECT_EQ(join({guest, empty}, 2, {.remove_seen_through = false}).phantoms(), 0u);
 }
 
+TEST(Overlap, OneViewOfManyDoesNotMakeAPhantom) {
+  // Where a step is out of place by the error of a pose, one view looks past what the others agree about.
+  const test::Shape wall = test::plane({0, 0, 0}, {0, 0, 1});
+  const test::Shape with_board = test::nearest({wall, test::rectangle(0.8, -0.15, 0.15, -0.15, 0.15)});
+  std::vector<View> views = {look("a", {0, 0, 2}, {0, 0, 0}, with_board),
+                             look("b", {-0.2, 0, 2}, {0, 0, 0}, with_board),
+                             look("c", {0, 0.2, 2}, {0, 0, 0}, with_board), look("d", {0.2, 0, 2}, {0, 0, 0}, wall)};
+  const std::uint64_t of_three = join(views).phantoms();  // along the rim, where each is alone
+  std::swap(views[1], views[3]);
+  views.resize(2);
+  const std::uint64_t of_one = join(views).phantoms();
+  EXPECT_GT(of_one, 300u);
+  EXPECT_LT(of_three, of_one / 10);
+}
+
+TEST(Overlap, ConsensusReachesAsFarAsPosesMayBeOff) {
+  // Five views, each with the wall elsewhere by its pose: far beyond their noise.
+  std::vector<View> views;
+  const std::array<double, 5> off_m = {-0.02, -0.01, 0.002, 0.011, 0.017};
+  for (std::size_t i = 0; i < off_m.size(); ++i) {
+    const double x = 0.05 * double(i) - 0.1;
+    views.push_back(look("v", {x, 0, 2}, {x, 0, 0}, test::plane({0, 0, off_m[i]}, {0, 0, 1})));
+  }
+  const auto heights = [&](double registration_error_m) {
+    const test::Joined joined = join(views, 2, {.registration_error_m = registration_error_m});
+    std::array<double, 5> out;
+    for (std::size_t i = 0; i < views.size(); ++i) out[i] = 2 - double(joined.patches[i].view.range.at(60, 60));
+    return out;
+  };
+  for (const double height : heights(0.015)) EXPECT_NEAR(height, 0, 0.0005);
+  // Without such an error they are told apart, and keep where they are.
+  EXPECT_LT(heights(0)[0], -0.018);
+  EXPECT_GT(heights(0)[4], 0.016);
+}
+
 TEST(Overlap, WhatIsOnlyHiddenStays) {
   // A wall behind an obstacle that the new view sees: the obstacle hides the wall, it does not contradict it.
   const test::Shape wall = test::plane({0, 0, 0}, {0, 0, 1});

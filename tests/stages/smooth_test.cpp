@@ -60,6 +60,23 @@ TEST(Smooth, RemovesMostOfTheNoiseWithoutBias) {
   }
 }
 
+TEST(Smooth, StepsOfRoundingGoIfNeighborsAreKnownToShareThem) {
+  // A wall aslant, in whole disparities: terraces of about ten samples.
+  Context context(2);
+  const test::Shape wall = test::plane({0, 0, 2}, Eigen::Vector3d(0.2, 0.1, 1).normalized());
+  const View clean = test::make_view("p", test::small_camera(), Eigen::Isometry3d::Identity(), wall);
+  View rounded = clean;
+  constexpr float kStep_per_m = 0.0028f;  // of inverse range
+  for (float& r : rounded.range.pixels) r = 1 / (kStep_per_m * std::round(1 / (r * kStep_per_m)));
+  const auto left = [&](double correlation) {
+    const NoiseModel noise{.s2_per_m = double(kStep_per_m) / std::sqrt(12.0), .correlation = correlation};
+    return rms_difference(smooth(rounded, noise, {}, context).range, clean.range, 16);
+  };
+  const double before = rms_difference(rounded.range, clean.range, 16);
+  EXPECT_LT(left(4), 0.35 * before);
+  EXPECT_LT(left(4), 0.7 * left(1));
+}
+
 TEST(Smooth, StepsAndHolesStay) {
   Context context(2);
   const test::Shape shape =

@@ -64,8 +64,9 @@ Scene only_every(Scene scene, int n) {
   return some;
 }
 
-NoiseModel scaled(const NoiseModel& noise, double factor) {
-  return {noise.s0_m * factor, noise.s1 * factor, noise.s2_per_m * factor, noise.floor_m * factor};
+NoiseModel scaled(NoiseModel noise, double factor) {
+  for (double* term : {&noise.s0_m, &noise.s1, &noise.s2_per_m, &noise.floor_m}) *term *= factor;
+  return noise;
 }
 
 // Noise and registration error are what the views themselves say, where the scene says nothing.

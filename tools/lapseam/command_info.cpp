@@ -22,7 +22,11 @@ struct InfoArguments {
 constexpr double kNotableOverlap = 0.05;
 
 nlohmann::ordered_json noise_to_json(const NoiseModel& noise) {
-  return {{"s0_m", noise.s0_m}, {"s1", noise.s1}, {"s2_per_m", noise.s2_per_m}, {"floor_m", noise.floor_m}};
+  return {{"s0_m", noise.s0_m},
+          {"s1", noise.s1},
+          {"s2_per_m", noise.s2_per_m},
+          {"floor_m", noise.floor_m},
+          {"correlation", noise.correlation}};
 }
 
 nlohmann::ordered_json view_to_json(const ViewSurvey& view) {
