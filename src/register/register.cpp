@@ -7,12 +7,14 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include "core/parallel.h"
 #include "lapseam/error.h"
 #include "register/brightness.h"
 #include "register/line_angles.h"
 #include "register/network.h"
+#include "register/noise_symmetry.h"
 #include "register/pairs.h"
 #include "register/range_offsets.h"
 
@@ -91,6 +93,7 @@ class Registrar {
     result_.views.resize(n_);
     for (std::size_t i = 0; i < n_; ++i) result_.views[i].T_world_view = views_[i].T_world_view;
     if (n_ == 0) return std::move(result_);
+    judge_noise();
     make_pyramids();
     set_capture_range();
     link();
@@ -107,6 +110,23 @@ class Registrar {
   }
 
  private:
+  void judge_noise() {
+    is_symmetric_in_range_.assign(n_, false);
+    std::map<std::string, std::vector<std::size_t>> members;
+    for (std::size_t i = 0; i < n_; ++i)
+      if (is_central(i)) members[views_[i].sensor_id].push_back(i);
+    for (const auto& [id, of_sensor] : members) {
+      std::vector<const View*> views;
+      std::vector<const NoiseModel*> noise;
+      for (const std::size_t i : of_sensor) {
+        views.push_back(&views_[i]);
+        noise.push_back(&noise_[i]);
+      }
+      const bool is_symmetric = is_symmetric_in_range(views, noise, context_);
+      for (const std::size_t i : of_sensor) is_symmetric_in_range_[i] = is_symmetric;
+    }
+  }
+
   void make_pyramids() {
     StageScope stage(context_, "surfels", n_);
     pyramids_.resize(n_);
@@ -114,7 +134,7 @@ class Registrar {
       BrightnessAt brightness;
       if (options_.use_color && pictures_)
         if (const auto picture = pictures_(i)) brightness = make_brightness(*picture);
-      pyramids_[i] = make_surfels(views_[i], noise_[i], kMostSurfels, brightness);
+      pyramids_[i] = make_surfels(views_[i], noise_[i], is_symmetric_in_range_[i], kMostSurfels, brightness);
       stage.advance();
     });
   }
@@ -263,6 +283,7 @@ class Registrar {
 
   // Coarse levels see motions as certain that the finest knows nothing of: what views moved along those is taken back.
   void refine_with_all(const std::vector<std::optional<KdTree>>& trees) {
+    share_spots(trees);
     bool is_taken_back = false;
     for (int iteration = 0; iteration < kLastIterations; ++iteration) {
       if (!step(0, trees, kAll)) continue;
@@ -270,6 +291,21 @@ class Registrar {
       move_views(slid_);
       is_taken_back = true;
     }
+  }
+
+  // What all views know of each spot, so that what many show does not count many times. Poses hardly move from here on.
+  void share_spots(const std::vector<std::optional<KdTree>>& trees) {
+    std::vector<Posed> posed = posed_at(0);
+    for (std::size_t i = 0; i < n_; ++i)
+      if (trees[i] && !is_central(i)) posed[i].tree = &*trees[i];
+    spots_ = find_spots(posed, gated_pairs(), context_);
+  }
+
+  std::vector<GatedPair> gated_pairs() const {
+    std::vector<GatedPair> out;
+    for (const Pair& pair : pairs_)
+      if (!pair.is_dropped && pair.sums.matches > 0) out.push_back({pair.views.a, pair.views.b, pair.gate});
+    return out;
   }
 
   // Poses and lines together, from the poses as given: lines that are off by degrees hold poses off as well.
@@ -306,10 +342,7 @@ class Registrar {
   void calibrate() {
     StageScope stage(context_, "calibrate", kCalibrations);
     for (int round = 0; round < kCalibrations; ++round) {
-      std::vector<OffsetPair> pairs;
-      for (const Pair& pair : pairs_)
-        if (!pair.is_dropped && pair.sums.matches > 0) pairs.push_back({pair.views.a, pair.views.b, pair.gate});
-      if (!add_range_offsets(views_, posed_at(0), pairs, kJudged, result_.corrections, context_)) break;
+      if (!add_range_offsets(views_, posed_at(0), gated_pairs(), kJudged, result_.corrections, context_)) break;
       correct_views();
       make_pyramids();
       step(0, make_trees(0), kJudged);
@@ -345,6 +378,7 @@ class Registrar {
     std::vector<Posed> posed = posed_at(level);
     for (std::size_t i = 0; i < n_; ++i)
       if (trees[i]) posed[i].tree = &*trees[i];
+    for (std::size_t i = 0; i < n_ && surfels == kAll && !spots_.empty(); ++i) posed[i].spots = &spots_[i];
     parallel_for(context_, pairs_.size(), 1, [&](std::size_t k) {
       if (!pairs_[k].is_dropped) associate(pairs_[k], posed, surfels);
     });
@@ -628,12 +662,14 @@ class Registrar {
   Context& context_;
   const std::size_t n_;
   RegisterResult result_;
+  std::vector<bool> is_symmetric_in_range_;
   std::vector<SurfelPyramid> pyramids_;
   int levels_ = 0;
   double capture_m_ = 0;
   double scale_m_ = 0;
   std::vector<Vector6d> slid_;  // what takes back the motion along what the last step found undetermined
   std::vector<Pair> pairs_;
+  std::vector<std::vector<Spot>> spots_;  // of the finest level, once views are nearly in place
 };
 
 }  // namespace
