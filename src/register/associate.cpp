@@ -18,6 +18,8 @@ constexpr float kAlike = 0.8f;
 constexpr float kSideways = 1.0f;
 // Fewest colours that a median and a spread can be had from.
 constexpr std::size_t kFewestColors = 30;
+// Gradients of colours hold for a part of a surfel: as long as views are farther off, geometry leads.
+constexpr double kColorOnTheWay = 0.25;
 // Share of the distance of a pair below which what is unexplained does not shrink further.
 constexpr double kNearest = 0.5;
 // Below, the errors of normals are not known.
@@ -229,7 +231,7 @@ void add_color(const Posed& a, const Posed& b, const std::vector<Match>& matches
     const Match& match = matches[used[k]];
     const double r = double(differences[k]) - exposure;
     const double fit = tukey(double(match.residual_m), gate.at(match));
-    const double share = a.spots ? std::min(1.0, 2 / double((*a.spots)[match.a].views)) : 1;
+    const double share = a.spots ? std::min(1.0, 2 / double((*a.spots)[match.a].views)) : kColorOnTheWay;
     const double w = weight * share * fit * tukey(r, kTukey * spread);
     if (!(w > 0)) continue;
     const Eigen::Isometry3d& T = b.T_world_view;
