@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/parallel.h"
+
 namespace lapseam {
 namespace {
 
@@ -16,9 +18,8 @@ constexpr float kAlike = 0.8f;
 constexpr float kSideways = 1.0f;
 // Fewest colours that a median and a spread can be had from.
 constexpr std::size_t kFewestColors = 30;
-// Colours of neighbouring surfels are off together (blur, shading, misplaced colour cameras): they count as if each
-// four were one.
-constexpr double kColorCorrelation = 4;
+// Gradients of colours hold for a part of a surfel: as long as views are farther off, geometry leads.
+constexpr double kColorOnTheWay = 0.25;
 // Share of the distance of a pair below which what is unexplained does not shrink further.
 constexpr double kNearest = 0.5;
 // Below, the errors of normals are not known.
@@ -92,6 +93,19 @@ class Matcher {
   std::vector<Neighbor> near_;
 };
 
+// Variance of one view's half of a match, with half of what noise does not explain.
+double variance_of(float sigma_m, const Match& match, const Gate& gate) {
+  return double(sigma_m) * double(sigma_m) + 0.5 * (gate.variance(match) - double(match.variance_m2));
+}
+
+// Of m views that show a spot, each pair tells what the others tell as well. All is counted once if a pair's weight,
+// w v / (w + v) by itself, is w v over the sum of all views' weights: then the sum over the pairs is the information
+// that is left when the spot's own place has been solved for.
+double share_of(const Surfel& a, const Surfel& b, const Spot& spot, const Match& match, const Gate& gate) {
+  const double of_pair = 1 / variance_of(a.sigma_m, match, gate) + 1 / variance_of(b.sigma_m, match, gate);
+  return std::min(1.0, of_pair / double(spot.information_per_m2));
+}
+
 double median_of(std::vector<float>& values) {
   const auto middle = values.begin() + std::ptrdiff_t(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
@@ -120,19 +134,44 @@ std::vector<Match> find_matches(const Posed& a, const Posed& b, const Gate& gate
   return std::visit([&](const auto& sensor) { return matcher.run(sensor, stride); }, *b.sensor);
 }
 
+std::vector<std::vector<Spot>> find_spots(std::span<const Posed> posed, std::span<const GatedPair> pairs,
+                                          Context& context) {
+  std::vector<std::vector<Spot>> out(posed.size());
+  parallel_for(context, posed.size(), 1, [&](std::size_t i) {
+    const Posed& view = posed[i];
+    const std::vector<Surfel>& surfels = view.image->surfels;
+    std::vector<double> fits(surfels.size()), own(surfels.size()), others(surfels.size());
+    for (const GatedPair& pair : pairs) {
+      if (pair.a != i && pair.b != i) continue;
+      const Posed& other = posed[pair.a == i ? pair.b : pair.a];
+      for (const Match& match : find_matches(view, other, pair.gate)) {
+        const double fit = tukey(double(match.residual_m), pair.gate.at(match));
+        fits[match.a] += fit;
+        own[match.a] += fit / variance_of(surfels[match.a].sigma_m, match, pair.gate);
+        others[match.a] += fit / variance_of(other.image->surfels[match.b].sigma_m, match, pair.gate);
+      }
+    }
+    out[i].resize(surfels.size());
+    for (const std::uint32_t k : view.image->usable)
+      if (fits[k] > 0) out[i][k] = {float(own[k] / fits[k] + others[k]), float(1 + fits[k])};
+  });
+  return out;
+}
+
 void add_geometry(const Posed& a, const Posed& b, const std::vector<Match>& matches, const Gate& gate,
                   const Eigen::Vector3d& center, double sign, PairSums& sums) {
   const Eigen::Isometry3d& T = b.T_world_view;
   const Eigen::Vector3d offset = T.translation() - center;
   Matrix6d H = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();
-  double weight_sum = 0, tilt_sum = 0;
+  double weight_sum = 0, shared_sum = 0, tilt_sum = 0;
   Eigen::Vector3d first = Eigen::Vector3d::Zero();
   Eigen::Matrix3d second = Eigen::Matrix3d::Zero();
   for (const Match& match : matches) {
     const Surfel& sa = a.image->surfels[match.a];
     const Surfel& sb = b.image->surfels[match.b];
-    const double r = double(match.residual_m), w = tukey(r, gate.at(match)) / gate.variance(match);
+    const double r = double(match.residual_m), alone = tukey(r, gate.at(match)) / gate.variance(match);
+    const double w = a.spots ? alone * share_of(sa, sb, (*a.spots)[match.a], match, gate) : alone;
     const Eigen::Vector3d x = T.linear() * sb.point.cast<double>() + offset;
     const Eigen::Vector3d n = T.linear() * match.normal_in_b.cast<double>();
     Vector6d J;
@@ -141,11 +180,14 @@ void add_geometry(const Posed& a, const Posed& b, const std::vector<Match>& matc
     g += (w * r) * J;
     const double tilt = std::max(kLeastTilt_rad, 0.5 * double(std::hypot(sa.tilt_rad, sb.tilt_rad)));
     weight_sum += w;
+    shared_sum += alone > 0 ? w * w / alone : 0;
     tilt_sum += w * tilt * tilt;
     first += w * x;
     second += w * x * x.transpose();
   }
   sums.matches += matches.size();
+  sums.weights += weight_sum;
+  sums.shared_weights += shared_sum;
   if (!(weight_sum > 0)) return;
   sums.H += H;
   sums.g += sign * g;
@@ -182,14 +224,15 @@ void add_color(const Posed& a, const Posed& b, const std::vector<Match>& matches
   const double exposure = median_of(copy);
   for (float& c : copy) c = std::abs(c - float(exposure));
   const double spread = std::max(kNormalPerMedian * median_of(copy), 1.0 / 255);
-  const double weight = 1 / (kColorCorrelation * spread * spread);
+  const double weight = 1 / (spread * spread);
   Matrix6d H = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();
   for (std::size_t k = 0; k < used.size(); ++k) {
     const Match& match = matches[used[k]];
     const double r = double(differences[k]) - exposure;
     const double fit = tukey(double(match.residual_m), gate.at(match));
-    const double w = weight * fit * tukey(r, kTukey * spread);
+    const double share = a.spots ? std::min(1.0, 2 / double((*a.spots)[match.a].views)) : kColorOnTheWay;
+    const double w = weight * share * fit * tukey(r, kTukey * spread);
     if (!(w > 0)) continue;
     const Eigen::Isometry3d& T = b.T_world_view;
     const Eigen::Vector3d x = T * b.image->surfels[match.b].point.cast<double>() - center;

@@ -4,8 +4,10 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <span>
 #include <vector>
 
+#include "lapseam/context.h"
 #include "register/surfels.h"
 #include "spatial/kd_tree.h"
 
@@ -14,6 +16,12 @@ namespace lapseam {
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
+/// What the views together know of the spot that a surfel shows.
+struct Spot {
+  float information_per_m2 = 0;  ///< sum of 1 / variance over the views that show it
+  float views = 1;               ///< how many those are; those that fit poorly count for less
+};
+
 /// One view at one level, at its present pose.
 struct Posed {
   const SurfelImage* image = nullptr;
@@ -21,6 +29,7 @@ struct Posed {
   const KdTree* tree = nullptr;  ///< of the usable surfels, in their order; may be null: no search by distance
   const Eigen::AlignedBox3d* box_in_view = nullptr;
   Eigen::Isometry3d T_world_view = Eigen::Isometry3d::Identity();
+  const std::vector<Spot>* spots = nullptr;  ///< of its surfels; null: not known, each pair counts by itself
 };
 
 /// A surfel of a on the surface of b. The residual is along the mean of both normals (Rusinkiewicz 2019), which is
@@ -55,6 +64,12 @@ struct Gate {
   double at(const Match& match) const;
 };
 
+/// Two views to be matched at one level, at their present gate.
+struct GatedPair {
+  std::uint32_t a = 0, b = 0;
+  Gate gate;
+};
+
 /// Stride by which about so many of an image's surfels are matched: odd, so as not to run down columns.
 std::size_t thinning(const SurfelImage& image, std::size_t surfels);
 
@@ -70,7 +85,13 @@ struct PairSums {
   /// What the errors of the normals make of a surface that tells nothing: information that is only feigned.
   Matrix6d feigned = Matrix6d::Zero();
   std::size_t matches = 0;
+  double weights = 0, shared_weights = 0;  ///< sums over the matches, and times the shares that they count with
 };
+/// Of each surfel of each view, what all views that show its spot know of it. Deterministic; as long as matching all
+/// surfels of all pairs.
+std::vector<std::vector<Spot>> find_spots(std::span<const Posed> posed, std::span<const GatedPair> pairs,
+                                          Context& context);
+
 /// Adds the matches of a in b; sign −1 when the pair's first view is b.
 void add_geometry(const Posed& a, const Posed& b, const std::vector<Match>& matches, const Gate& gate,
                   const Eigen::Vector3d& center, double sign, PairSums& sums);

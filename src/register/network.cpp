@@ -192,7 +192,8 @@ NetworkStep solve_network(std::span<const NetworkView> views, std::span<const Ne
 
 double tension(const PairSums& sums) {
   const Matrix6d H = sums.H + 1e-9 * sums.H.trace() * Matrix6d::Identity();
-  return sums.g.dot(H.ldlt().solve(sums.g)) / 6;
+  const double share = sums.weights > 0 ? sums.shared_weights / sums.weights : 1;  // which g varies less by than H says
+  return sums.g.dot(H.ldlt().solve(sums.g)) / (6 * share);
 }
 
 }  // namespace lapseam

@@ -88,11 +88,11 @@ class Offsets {
 
   bool empty() const { return size_ == 0; }
 
-  std::array<Half, 2> sum(std::span<const OffsetPair> pairs, std::size_t surfels, Context& context) const {
+  std::array<Half, 2> sum(std::span<const GatedPair> pairs, std::size_t surfels, Context& context) const {
     std::vector<std::array<Half, 2>> runs(kRuns, {Half(size_), Half(size_)});
     parallel_for(context, kRuns, 1, [&](std::size_t run) {
       for (std::size_t k = run * pairs.size() / kRuns; k < (run + 1) * pairs.size() / kRuns; ++k) {
-        const OffsetPair& pair = pairs[k];
+        const GatedPair& pair = pairs[k];
         if (!lattice_of_[pair.a] && !lattice_of_[pair.b]) continue;
         add(pair.a, pair.b, pair.gate, surfels, runs[run][k % 2]);
         add(pair.b, pair.a, pair.gate, surfels, runs[run][k % 2]);
@@ -193,7 +193,7 @@ class Offsets {
 
 }  // namespace
 
-bool add_range_offsets(std::span<const View> views, std::span<const Posed> posed, std::span<const OffsetPair> pairs,
+bool add_range_offsets(std::span<const View> views, std::span<const Posed> posed, std::span<const GatedPair> pairs,
                        std::size_t surfels, std::map<std::string, RangeCorrection>& corrections, Context& context) {
   const Offsets offsets(views, posed);
   if (offsets.empty() || pairs.empty()) return false;

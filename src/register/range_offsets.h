@@ -13,16 +13,10 @@
 
 namespace lapseam {
 
-/// A pair of views at one level, at its present gate.
-struct OffsetPair {
-  std::uint32_t a = 0, b = 0;
-  Gate gate;
-};
-
 /// Adds to the corrections of each depth camera (pinhole sensors by id, of eight views or more) what still contradicts.
 /// Least squares over all matches of all pairs; poses are held. Each half of the pairs has to predict the other one: a
 /// sensor whose offsets do not is left as it is. Returns whether any changed. Deterministic.
-bool add_range_offsets(std::span<const View> views, std::span<const Posed> posed, std::span<const OffsetPair> pairs,
+bool add_range_offsets(std::span<const View> views, std::span<const Posed> posed, std::span<const GatedPair> pairs,
                        std::size_t surfels, std::map<std::string, RangeCorrection>& corrections, Context& context);
 
 }  // namespace lapseam

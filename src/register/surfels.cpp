@@ -30,7 +30,7 @@ struct Level {
 
 class Maker {
  public:
-  Maker(const View& view, const NoiseModel& noise)
+  Maker(const View& view, const NoiseModel& noise, bool is_symmetric_in_range)
       : view_(view),
         is_central_(std::holds_alternative<PinholeSensor>(view.sensor) ||
                     std::holds_alternative<SphericalSensor>(view.sensor)),
@@ -41,7 +41,9 @@ class Maker {
       const float r = view.range.pixels[i];
       if (!(r > 0)) continue;
       const auto sigma = float(noise.sigma(double(r)));
-      level_.value.pixels[i] = is_central_ ? 1 / r : r;
+      // The mean of 1 / r is over that of the surface by the noise's relative variance, if the noise is symmetric in r.
+      const float excess = is_symmetric_in_range ? sigma * sigma / (r * r) : 0;
+      level_.value.pixels[i] = is_central_ ? std::max(0.0f, 1 - excess) / r : r;
       level_.sigma.pixels[i] = is_central_ ? sigma / (r * r) : sigma;
       ++valid_;
     }
@@ -269,9 +271,9 @@ std::int64_t SurfelImage::index_at(double u_px, double v_px) const {
   return v * width + u;
 }
 
-SurfelPyramid make_surfels(const View& view, const NoiseModel& noise, std::size_t most_surfels,
-                           const BrightnessAt& brightness) {
-  return Maker(view, noise).run(most_surfels, brightness);
+SurfelPyramid make_surfels(const View& view, const NoiseModel& noise, bool is_symmetric_in_range,
+                           std::size_t most_surfels, const BrightnessAt& brightness) {
+  return Maker(view, noise, is_symmetric_in_range).run(most_surfels, brightness);
 }
 
 }  // namespace lapseam
