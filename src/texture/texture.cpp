@@ -220,8 +220,10 @@ class Texturing {
       const std::vector<std::uint8_t> is_scattered = find_scattered(charts_, root);
       if (std::find(is_scattered.begin(), is_scattered.end(), 1) != is_scattered.end())
         charts_ = make_charts(mesh_, cameras_, view_, frame_, scales, is_scattered, page_blocks_, context_);
-      const std::uint64_t bytes = pack_charts();
-      if (options_.memory_bytes == 0 || bytes <= options_.memory_bytes) break;
+      const bool is_limited = options_.memory_bytes > 0;
+      const std::uint64_t bytes = pack_charts(!is_limited);
+      if (is_limited && bytes <= options_.memory_bytes) pack_charts(true);
+      if (!is_limited || bytes <= options_.memory_bytes) break;
       if (attempt == kMostTries)
         throw InvalidInput({}, {}, "texture memory",
                            "the smallest pages that hold the texture take " + std::to_string(bytes) + " bytes");
@@ -229,8 +231,10 @@ class Texturing {
     }
   }
 
-  /// The best of some widths about the given one: how ragged the last rows are is chance.
-  Packing pack_tightly(const std::vector<BlockShape>& shapes, int width, int widest) {
+  /// The best of some widths about the given one: how ragged the last rows are is chance. When it is final, the better
+  /// ones are worked on.
+  Packing pack_tightly(const std::vector<BlockShape>& shapes, int width, int widest, bool is_final) {
+    constexpr std::size_t kTightened = 2;
     constexpr std::array<int, 6> kPercent = {100, 97, 94, 103, 106, 109};
     std::array<Packing, kPercent.size()> tries;
     parallel_for(context_, tries.size(), 1, [&](std::size_t k) {
@@ -242,10 +246,17 @@ class Texturing {
       for (const BlockPage& page : packing.pages) sum += std::uint64_t(page.width) * std::uint64_t(page.height);
       return sum;
     };
-    std::size_t best = 0;
-    for (std::size_t k = 1; k < tries.size(); ++k)
-      if (!tries[k].pages.empty() && area(tries[k]) < area(tries[best])) best = k;
-    return std::move(tries[best]);
+    std::vector<Packing*> order;
+    for (Packing& packing : tries)
+      if (!packing.pages.empty()) order.push_back(&packing);
+    const auto is_smaller = [&](const Packing* a, const Packing* b) { return area(*a) < area(*b); };
+    std::stable_sort(order.begin(), order.end(), is_smaller);
+    if (is_final) {
+      order.resize(std::min(order.size(), kTightened));
+      parallel_for(context_, order.size(), 1, [&](std::size_t k) { tighten(shapes, *order[k], context_); });
+      std::stable_sort(order.begin(), order.end(), is_smaller);
+    }
+    return std::move(*order.front());
   }
 
   static std::uint64_t owned_blocks(const Chart& chart) {
@@ -254,23 +265,23 @@ class Texturing {
 
   /// Scattered charts go to pages of their own, which are painted like the others; in the end their vertices get the
   /// colours, and the pages are dropped.
-  std::uint64_t pack_charts() {
+  std::uint64_t pack_charts(bool is_final) {
     std::vector<std::uint32_t> kept, dropped;
     for (std::uint32_t c = 0; c < charts_.charts.size(); ++c)
       (charts_.charts[c].is_scattered ? dropped : kept).push_back(c);
     page_sizes_.clear();
     report_.charts = kept.size();
-    report_.chart_pixels = kBlock_px * kBlock_px * pack_some(kept);
+    report_.chart_pixels = kBlock_px * kBlock_px * pack_some(kept, is_final);
     report_.page_pixels = 0;
     for (const BlockPage& page : page_sizes_)
       report_.page_pixels += std::uint64_t(page.width) * std::uint64_t(page.height) * kBlock_px * kBlock_px;
     report_.pages = page_sizes_.size();
-    pack_some(dropped);
+    pack_some(dropped, false);
     return 3 * report_.page_pixels;
   }
 
   /// Onto pages after those that are there. The number of blocks.
-  std::uint64_t pack_some(const std::vector<std::uint32_t>& some) {
+  std::uint64_t pack_some(const std::vector<std::uint32_t>& some, bool is_final) {
     if (some.empty()) return 0;
     std::vector<BlockShape> shapes;
     std::uint64_t blocks = 0;
@@ -283,7 +294,7 @@ class Texturing {
     }
     // What fits on one page makes a square one.
     const int square = int(std::ceil(std::sqrt(1.05 * double(blocks))));
-    const Packing packing = pack_tightly(shapes, std::min(page_blocks_, std::max(widest, square)), widest);
+    const Packing packing = pack_tightly(shapes, std::min(page_blocks_, std::max(widest, square)), widest, is_final);
     for (std::size_t k = 0; k < some.size(); ++k) {
       BlockPlace& place = charts_.charts[some[k]].place;
       place = packing.places[k];
