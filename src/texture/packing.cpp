@@ -158,7 +158,8 @@ class Page {
     for (int turns = 0; turns < int(variants.size()); ++turns) {
       const Variant& variant = variants[std::size_t(turns)];
       const int first = std::max(0, from - variant.shape.height + 1);
-      compare_places(variant, turns, first, std::min(to, height_ - variant.shape.height), height_, most_touching, place);
+      compare_places(variant, turns, first, std::min(to, height_ - variant.shape.height), height_, most_touching,
+                     place);
     }
     return most_touching >= 0;
   }
