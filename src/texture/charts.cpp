@@ -11,103 +11,35 @@
 namespace lapseam {
 namespace {
 
-// Bilinear lookup in mip level 3 reads the blocks of the four nearest block centres: half a block around each point.
-constexpr int kHalfBlock_px = kBlock_px / 2;
-constexpr float kReach_px = float(kHalfBlock_px) + 0.02f;
-constexpr float kAffine_px = 0.25f;
-// Blocks left of and above an image that its triangles' surroundings may reach into.
-constexpr int kMargin = 2;
 // Regions that show less than this share of the blocks that are owned for them can go to vertex colours ...
 constexpr double kLeastShown = 0.25;
 // ... where the longest sides of their triangles are no longer than this, as a mean over the length of all: what
 // colours of vertices show there is as fine as pixels, nearly.
 constexpr double kLongestSide_px = 3;
 
-using Corners = std::array<Eigen::Vector2f, 3>;
-
-/// Whether a triangle meets a rectangle: no side of either parts them.
-bool meets(const Corners& p, const Eigen::Vector2f& low, const Eigen::Vector2f& high) {
-  const Eigen::Vector2f middle = 0.5f * (low + high), half = 0.5f * (high - low);
-  for (std::size_t k = 0; k < 3; ++k) {
-    const Eigen::Vector2f side = p[(k + 1) % 3] - p[k];
-    const Eigen::Vector2f normal(-side.y(), side.x());
-    const float radius = std::abs(normal.x()) * half.x() + std::abs(normal.y()) * half.y();
-    const float a = normal.dot(p[k] - middle), b = normal.dot(p[(k + 2) % 3] - middle);
-    if (std::min(a, b) > radius || std::max(a, b) < -radius) return false;
-  }
-  return true;
-}
-
-/// Visits the blocks that lookups in a triangle read. Pixel x lies in block floor((x + ½) / size) of the page.
-template <typename Visit>
-void for_blocks(const Corners& p, const Visit& visit) {
-  const Eigen::Vector2f low = p[0].cwiseMin(p[1]).cwiseMin(p[2]), high = p[0].cwiseMax(p[1]).cwiseMax(p[2]);
-  const auto block = [](float x) { return int(std::floor((x + 0.5f) / float(kBlock_px))); };
-  for (int v = block(low.y() - kReach_px); v <= block(high.y() + kReach_px); ++v)
-    for (int u = block(low.x() - kReach_px); u <= block(high.x() + kReach_px); ++u) {
-      const Eigen::Vector2f from(float(u * kBlock_px) - 0.5f - kReach_px, float(v * kBlock_px) - 0.5f - kReach_px);
-      const Eigen::Vector2f to = from.array() + float(kBlock_px) + 2 * kReach_px;
-      if (meets(p, from, to)) visit(u, v);
-    }
-}
-
-/// Corners in the image, brought to one side of a panorama's seam. Whether they tell where the rest is.
-bool project_triangle(const std::array<Eigen::Vector3f, 3>& corners_m, const ColorCamera& camera, Corners& p,
-                      bool& is_affine) {
-  for (std::size_t k = 0; k < 3; ++k)
-    if (!camera.project_beyond(corners_m[k], p[k])) return false;
-  if (camera.wraps()) unwrap(p, camera.width());
-  is_affine = true;
-  for (std::size_t k = 0; k < 3; ++k) {
-    Eigen::Vector2f middle;
-    const std::size_t next = (k + 1) % 3;
-    if (!camera.project_beyond(0.5f * (corners_m[k] + corners_m[next]), middle)) return false;
-    Eigen::Vector2f off = middle - 0.5f * (p[k] + p[next]);
-    if (camera.wraps()) off.x() -= float(camera.width()) * std::round(off.x() / float(camera.width()));
-    is_affine = is_affine && off.norm() <= kAffine_px;
-  }
-  return true;
-}
-
-/// The triangles of one view at one scale, and the grid of their blocks.
-class Sheet {
+/// The triangles of one sheet at one scale.
+class SheetCutter {
  public:
-  Sheet(std::uint32_t view, float scale, bool is_scattered, const ColorCamera& camera, int page_blocks)
-      : view_(view),
-        scale_(scale),
-        is_scattered_(is_scattered),
-        page_blocks_(page_blocks),
-        margin_x_(kMargin + blocks(camera.margin_x())),
-        margin_y_(kMargin + blocks(camera.margin_y())),
-        columns_((camera.wraps() ? 2 : 1) * blocks(camera.width()) + 2 * margin_x_),
-        rows_(blocks(camera.height()) + 2 * margin_y_) {}
+  SheetCutter(std::uint32_t view, float scale, bool is_scattered, int page_blocks)
+      : view_(view), scale_(scale), is_scattered_(is_scattered), page_blocks_(page_blocks) {}
 
   void add(std::uint32_t triangle) { triangles_.push_back(triangle); }
 
-  /// Cuts into charts; their triangles' pixels change from the scaled image's to the chart's.
+  /// Cuts into charts; their triangles' pixels change from the scaled sheet's to the chart's.
   std::vector<Chart> cut(std::vector<Corners>& pixels) const {
-    const std::size_t count = std::size_t(columns_) * std::size_t(rows_);
-    DisjointSets sets(count);
-    for (const std::uint32_t i : triangles_) {
-      std::uint32_t first = kInvalidIndex;
-      for_blocks(pixels[i], [&](int u, int v) {
-        const std::uint32_t block = index(u, v);
-        if (first == kInvalidIndex) first = block;
-        sets.unite(first, block);
-      });
-    }
-    std::vector<std::array<int, 4>> box(count, {columns_, rows_, -1, -1});
-    for (const std::uint32_t i : triangles_) extend(box[root_of(pixels[i], sets)], pixels[i]);
+    const std::vector<std::uint32_t> label = connect_by_blocks(triangles_, pixels);
+    std::map<std::uint32_t, BlockBox> boxes;
+    for (std::size_t k = 0; k < triangles_.size(); ++k) boxes[label[k]].extend(pixels[triangles_[k]]);
     // By component, and by tiles of half a page for those that are larger than one.
     std::map<std::tuple<std::uint32_t, int, int>, std::vector<std::uint32_t>> pieces;
-    for (const std::uint32_t i : triangles_) {
-      const std::uint32_t root = root_of(pixels[i], sets);
-      const auto& b = box[root];
-      const bool is_large = b[2] - b[0] >= page_blocks_ || b[3] - b[1] >= page_blocks_;
+    for (std::size_t k = 0; k < triangles_.size(); ++k) {
+      const std::uint32_t i = triangles_[k];
+      const BlockBox& box = boxes[label[k]];
+      const bool is_large = box.width() > page_blocks_ || box.height() > page_blocks_;
       const Eigen::Vector2f middle = (pixels[i][0] + pixels[i][1] + pixels[i][2]) / 3;
       const float tile_px = 0.5f * float(page_blocks_ * kBlock_px);
       const auto tile = [&](float x, int from) { return is_large ? int((x - float(from * kBlock_px)) / tile_px) : 0; };
-      pieces[{root, tile(middle.x(), b[0] - margin_x_), tile(middle.y(), b[1] - margin_y_)}].push_back(i);
+      pieces[{label[k], tile(middle.x(), box.low_u), tile(middle.y(), box.low_v)}].push_back(i);
     }
     std::vector<Chart> charts;
     for (auto& [key, triangles] : pieces) split(std::move(triangles), pixels, charts);
@@ -115,28 +47,6 @@ class Sheet {
   }
 
  private:
-  int blocks(int size_px) const { return int(std::ceil(float(size_px) * scale_ / float(kBlock_px))); }
-  std::uint32_t index(int u, int v) const {
-    u = std::clamp(u + margin_x_, 0, columns_ - 1);
-    v = std::clamp(v + margin_y_, 0, rows_ - 1);
-    return std::uint32_t(v) * std::uint32_t(columns_) + std::uint32_t(u);
-  }
-
-  std::uint32_t root_of(const Corners& p, DisjointSets& sets) const {
-    std::uint32_t root = kInvalidIndex;
-    for_blocks(p, [&](int u, int v) {
-      if (root == kInvalidIndex) root = sets.find(index(u, v));
-    });
-    return root;
-  }
-
-  void extend(std::array<int, 4>& box, const Corners& p) const {
-    for_blocks(p, [&](int u, int v) {
-      box = {std::min(box[0], u + margin_x_), std::min(box[1], v + margin_y_), std::max(box[2], u + margin_x_),
-             std::max(box[3], v + margin_y_)};
-    });
-  }
-
   /// Cuts a chart in two, and its parts again, where their boxes are much smaller together: a chart like a frame leaves
   /// holes that not enough small ones are there to fill.
   void split(std::vector<std::uint32_t> triangles, std::vector<Corners>& pixels, std::vector<Chart>& charts) const {
@@ -175,57 +85,6 @@ class Sheet {
 
   static std::ptrdiff_t owned_blocks(const Chart& chart) {
     return std::count(chart.shape.used.begin(), chart.shape.used.end(), 1);
-  }
-
-  /// Of the 8 × 8 ways in which a grid of blocks may lie over triangles, the one where the fewest blocks are read:
-  /// those that have some pixel of them in a square of twice their size.
-  static Eigen::Vector2i best_shift(const std::vector<std::uint32_t>& triangles, const std::vector<Corners>& pixels) {
-    const auto cell = [](float x) { return int(std::floor(x + 0.5f)); };
-    Eigen::Vector2f low = pixels[triangles.front()][0], high = low;
-    for (const std::uint32_t i : triangles)
-      for (const Eigen::Vector2f& q : pixels[i]) low = low.cwiseMin(q), high = high.cwiseMax(q);
-    constexpr int kWindow = 2 * kBlock_px;
-    const int x0 = cell(low.x()), y0 = cell(low.y());
-    const int width = cell(high.x()) - x0 + 1, height = cell(high.y()) - y0 + 1;
-    Image<std::uint8_t> shown(width, height);
-    for (const std::uint32_t i : triangles) {
-      const Corners& p = pixels[i];
-      const Eigen::Vector2f from = p[0].cwiseMin(p[1]).cwiseMin(p[2]), to = p[0].cwiseMax(p[1]).cwiseMax(p[2]);
-      for (int y = cell(from.y()); y <= cell(to.y()); ++y)
-        for (int x = cell(from.x()); x <= cell(to.x()); ++x)
-          if (meets(p, {float(x) - 0.5f, float(y) - 0.5f}, {float(x) + 0.5f, float(y) + 0.5f}))
-            shown.at(x - x0, y - y0) = 1;
-    }
-    // Of each window by its last column and row: whether it shows something; first along rows, then along columns.
-    const int columns = width + kWindow - 1, rows = height + kWindow - 1;
-    Image<std::uint8_t> in_row(columns, height);
-    for (int y = 0; y < height; ++y)
-      for (int x = 0, last = -kWindow; x < columns; ++x) {
-        if (x < width && shown.at(x, y)) last = x;
-        in_row.at(x, y) = x - last < kWindow;
-      }
-    std::array<std::array<std::uint32_t, kBlock_px>, kBlock_px> blocks{};
-    std::vector<int> last(std::size_t(columns), -kWindow);
-    for (int y = 0; y < rows; ++y)
-      for (int x = 0; x < columns; ++x) {
-        int& row = last[std::size_t(x)];
-        if (y < height && in_row.at(x, y)) row = y;
-        blocks[std::size_t(y % kBlock_px)][std::size_t(x % kBlock_px)] += y - row < kWindow;
-      }
-    Eigen::Vector2i best(0, 0);
-    std::uint32_t fewest = 0xffffffff;
-    for (int v = 0; v < kBlock_px; ++v)
-      for (int u = 0; u < kBlock_px; ++u) {
-        const std::uint32_t count = blocks[std::size_t(v)][std::size_t(u)];
-        if (count >= fewest) continue;
-        fewest = count;
-        // The window ends half a block after its block does.
-        const auto shift = [](int last_px) {
-          return ((kHalfBlock_px - 1 - last_px) % kBlock_px + kBlock_px) % kBlock_px;
-        };
-        best = {shift(x0 + u), shift(y0 + v)};
-      }
-    return best;
   }
 
   struct Cut {
@@ -273,21 +132,17 @@ class Sheet {
   static Eigen::Vector2f corner_of(const Chart& chart) { return chart.corner_px.cast<float>(); }
 
   Chart make_chart(std::vector<std::uint32_t> triangles, const std::vector<Corners>& pixels) const {
-    std::array<int, 4> box = {columns_, rows_, -1, -1};
-    for (const std::uint32_t i : triangles) extend(box, pixels[i]);
+    const BlockBox box = box_of(triangles, pixels);
     Chart chart;
     chart.view = view_;
     chart.scale = scale_;
     chart.is_scattered = is_scattered_;
-    const int u0 = box[0] - margin_x_, v0 = box[1] - margin_y_;
-    chart.corner_px = {u0 * kBlock_px, v0 * kBlock_px};
-    chart.shape.width = box[2] - box[0] + 1;
-    chart.shape.height = box[3] - box[1] + 1;
-    chart.shape.used.assign(std::size_t(chart.shape.width) * std::size_t(chart.shape.height), 0);
+    chart.corner_px = {box.low_u * kBlock_px, box.low_v * kBlock_px};
+    chart.shape.width = box.width();
+    chart.shape.height = box.height();
+    chart.shape.used.assign(std::size_t(box.width()) * std::size_t(box.height()), 0);
     for (const std::uint32_t i : triangles)
-      for_blocks(pixels[i], [&](int u, int v) {
-        chart.shape.used[std::size_t(v - v0) * std::size_t(chart.shape.width) + std::size_t(u - u0)] = 1;
-      });
+      for_blocks(pixels[i], [&](int u, int v) { chart.shape.used[box.index(u, v)] = 1; });
     chart.triangles = std::move(triangles);
     return chart;
   }
@@ -296,8 +151,6 @@ class Sheet {
   float scale_;
   bool is_scattered_;
   int page_blocks_;
-  int margin_x_, margin_y_;  // blocks left of and above the image
-  int columns_, rows_;
   std::vector<std::uint32_t> triangles_;
 };
 
@@ -321,7 +174,11 @@ class ScatterSearch {
       const double longest_px = std::sqrt(double(longest_2)) / double(chart.scale);
       region.lengths_px += longest_px;
       region.squares += longest_px * longest_px;
-      for_blocks(p, [&](int u, int v) { region.blocks.push_back(std::uint32_t(v * chart.shape.width + u)); });
+      for_blocks(p, [&](int u, int v) {
+        // Of smaller charts, the last digits can say something else than where they were cut.
+        if (u >= 0 && v >= 0 && u < chart.shape.width && v < chart.shape.height)
+          region.blocks.push_back(std::uint32_t(v * chart.shape.width + u));
+      });
     }
     for (Region& region : regions_) {
       std::sort(region.blocks.begin(), region.blocks.end());
@@ -385,36 +242,78 @@ std::vector<std::uint8_t> find_scattered(const Charts& charts, const std::vector
   return is_scattered;
 }
 
-Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, const std::vector<std::uint32_t>& view_of_triangle,
-                   std::span<const std::uint32_t> frame_of_triangle, std::span<const float> scale_of_triangle,
-                   std::span<const std::uint8_t> is_scattered, int page_blocks, Context& context) {
+Eigen::Vector2i best_shift(const std::vector<std::uint32_t>& triangles, const std::vector<Corners>& pixels) {
+  const auto cell = [](float x) { return int(std::floor(x + 0.5f)); };
+  Eigen::Vector2f low = pixels[triangles.front()][0], high = low;
+  for (const std::uint32_t i : triangles)
+    for (const Eigen::Vector2f& q : pixels[i]) low = low.cwiseMin(q), high = high.cwiseMax(q);
+  // A block is read from where some pixel lies in a square of twice its size.
+  constexpr int kWindow = 2 * kBlock_px;
+  const int x0 = cell(low.x()), y0 = cell(low.y());
+  const int width = cell(high.x()) - x0 + 1, height = cell(high.y()) - y0 + 1;
+  Image<std::uint8_t> shown(width, height);
+  for (const std::uint32_t i : triangles) {
+    const Corners& p = pixels[i];
+    const Eigen::Vector2f from = p[0].cwiseMin(p[1]).cwiseMin(p[2]), to = p[0].cwiseMax(p[1]).cwiseMax(p[2]);
+    for (int y = cell(from.y()); y <= cell(to.y()); ++y)
+      for (int x = cell(from.x()); x <= cell(to.x()); ++x)
+        if (meets(p, {float(x) - 0.5f, float(y) - 0.5f}, {float(x) + 0.5f, float(y) + 0.5f}))
+          shown.at(x - x0, y - y0) = 1;
+  }
+  // Of each window by its last column and row: whether it shows something; first along rows, then along columns.
+  const int columns = width + kWindow - 1, rows = height + kWindow - 1;
+  Image<std::uint8_t> in_row(columns, height);
+  for (int y = 0; y < height; ++y)
+    for (int x = 0, last = -kWindow; x < columns; ++x) {
+      if (x < width && shown.at(x, y)) last = x;
+      in_row.at(x, y) = x - last < kWindow;
+    }
+  std::array<std::array<std::uint32_t, kBlock_px>, kBlock_px> blocks{};
+  std::vector<int> last(std::size_t(columns), -kWindow);
+  for (int y = 0; y < rows; ++y)
+    for (int x = 0; x < columns; ++x) {
+      int& row = last[std::size_t(x)];
+      if (y < height && in_row.at(x, y)) row = y;
+      blocks[std::size_t(y % kBlock_px)][std::size_t(x % kBlock_px)] += y - row < kWindow;
+    }
+  Eigen::Vector2i best(0, 0);
+  std::uint32_t fewest = 0xffffffff;
+  for (int v = 0; v < kBlock_px; ++v)
+    for (int u = 0; u < kBlock_px; ++u) {
+      const std::uint32_t count = blocks[std::size_t(v)][std::size_t(u)];
+      if (count >= fewest) continue;
+      fewest = count;
+      // The window ends half a block after its block does.
+      const auto shift = [](int last_px) {
+        return ((kHalfBlock_px - 1 - last_px) % kBlock_px + kBlock_px) % kBlock_px;
+      };
+      best = {shift(x0 + u), shift(y0 + v)};
+    }
+  return best;
+}
+
+Charts make_charts(const Layout& layout, const std::vector<std::uint32_t>& view_of_triangle,
+                   std::span<const float> scale_of_triangle, std::span<const std::uint8_t> is_scattered,
+                   int page_blocks, Context& context) {
+  const std::size_t count = layout.pixels.size();
   Charts out;
   out.view_of_triangle = view_of_triangle;
-  out.part_of_triangle.assign(mesh.triangle_count(), 0);
-  out.pixels.resize(mesh.triangle_count());
-  out.chart_of_triangle.assign(mesh.triangle_count(), kInvalidIndex);
-  out.is_resampled.assign(mesh.triangle_count(), 0);
-  std::vector<std::uint8_t> is_seen(mesh.triangle_count(), 0);
-  parallel_for(context, mesh.triangle_count(), 16384, [&](std::size_t i) {
-    if (frame_of_triangle[i] == kInvalidIndex) return;
-    const Triangle& t = mesh.triangles[i];
-    bool is_affine = false;
-    Corners& p = out.pixels[i];
-    is_seen[i] = project_triangle({mesh.positions_m[t[0]], mesh.positions_m[t[1]], mesh.positions_m[t[2]]},
-                                  *cameras[frame_of_triangle[i]], p, is_affine);
-    out.is_resampled[i] = !is_affine || frame_of_triangle[i] != view_of_triangle[i];
-    for (Eigen::Vector2f& q : p) q = ((q.array() + 0.5f) * scale_of_triangle[i] - 0.5f).matrix();
-  });
-  std::map<std::tuple<std::uint32_t, float, bool>, Sheet> sheets;
-  for (std::uint32_t i = 0; i < mesh.triangle_count(); ++i)
-    if (is_seen[i]) {
-      const std::uint32_t view = frame_of_triangle[i];
-      const float scale = scale_of_triangle[i];
-      const bool is_apart = !is_scattered.empty() && is_scattered[i];
-      sheets.try_emplace({view, scale, is_apart}, view, scale, is_apart, *cameras[view], page_blocks)
-          .first->second.add(i);
-    }
-  std::vector<const Sheet*> order;
+  out.part_of_triangle.assign(count, 0);
+  out.pixels = layout.pixels;
+  out.chart_of_triangle.assign(count, kInvalidIndex);
+  out.is_resampled = layout.is_resampled;
+  std::map<std::tuple<std::uint32_t, float, bool>, SheetCutter> sheets;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const std::uint32_t sheet = layout.sheet[i];
+    if (sheet == kInvalidIndex) continue;
+    const float scale = scale_of_triangle[i];
+    for (Eigen::Vector2f& q : out.pixels[i])
+      if (scale < 1) q = ((q.array() + 0.5f) * scale - 0.5f).matrix();
+    const bool is_apart = !is_scattered.empty() && is_scattered[i];
+    sheets.try_emplace({sheet, scale, is_apart}, layout.frame[sheet], scale, is_apart, page_blocks)
+        .first->second.add(i);
+  }
+  std::vector<const SheetCutter*> order;
   for (const auto& [key, sheet] : sheets) order.push_back(&sheet);
   std::vector<std::vector<Chart>> charts(order.size());
   parallel_for(context, order.size(), 1, [&](std::size_t k) { charts[k] = order[k]->cut(out.pixels); });

@@ -7,16 +7,13 @@
 #include <vector>
 
 #include "lapseam/mesh.h"
-#include "texture/color_camera.h"
+#include "texture/blocks.h"
+#include "texture/layout.h"
 #include "texture/packing.h"
 
 namespace lapseam {
 
 class Context;
-
-/// Charts own whole blocks of the page. A texel of mip level 3 is the mean of a block, and a JPEG image is coded by
-/// blocks: neither mixes charts.
-inline constexpr int kBlock_px = 8;
 
 /// Surface laid out as one image, or a smaller copy of it, has it, moved by whole pixels so that it owns few blocks of
 /// the page, and turned by quarters. Its pixels come from that image and from others.
@@ -55,44 +52,27 @@ struct Chart {
 
 struct Charts {
   std::vector<Chart> charts;
-  std::vector<std::uint32_t> chart_of_triangle;        ///< kInvalidIndex: no image shows it
-  std::vector<std::array<Eigen::Vector2f, 3>> pixels;  ///< corners of each triangle in its chart
-  std::vector<std::uint32_t> view_of_triangle;         ///< whose image it shows
-  std::vector<std::uint16_t> part_of_triangle;         ///< place of that in its chart's parts
-  /// The triangle shows another image than it is laid out in, or one that is no affine copy of it, to a quarter pixel.
-  std::vector<std::uint8_t> is_resampled;
+  std::vector<std::uint32_t> chart_of_triangle;  ///< kInvalidIndex: no image shows it
+  std::vector<Corners> pixels;                   ///< corners of each triangle in its chart
+  std::vector<std::uint32_t> view_of_triangle;   ///< whose image it shows
+  std::vector<std::uint16_t> part_of_triangle;   ///< place of that in its chart's parts
+  std::vector<std::uint8_t> is_resampled;        ///< see Layout
 };
 
-/// view_of_triangle: whose image it shows, kInvalidIndex for none; frame_of_triangle: as whose image it is laid out.
-/// scale_of_triangle: over 0 to 1, the same for all of a region. Triangles of one frame and scale whose blocks meet
-/// share a chart; what is larger than a page is cut. Every block that a texture lookup at a point of a triangle reads
-/// at mip levels 0 to 3 (bilinear in each) is owned. Numbered by first triangle. Triangles that are scattered (empty:
-/// none) share charts with each other alone.
-Charts make_charts(const Mesh& mesh, const ColorCameras& cameras, const std::vector<std::uint32_t>& view_of_triangle,
-                   std::span<const std::uint32_t> frame_of_triangle, std::span<const float> scale_of_triangle,
-                   std::span<const std::uint8_t> is_scattered, int page_blocks, Context& context);
+/// view_of_triangle: whose image it shows. scale_of_triangle: over 0 to 1, the same for all of a region. Triangles of
+/// one sheet and scale whose blocks meet share a chart; what is larger than a page is cut. Every block that a texture
+/// lookup at a point of a triangle reads at mip levels 0 to 3 (bilinear in each) is owned. Numbered by first triangle.
+/// Triangles that are scattered (empty: none) share charts with each other alone.
+Charts make_charts(const Layout& layout, const std::vector<std::uint32_t>& view_of_triangle,
+                   std::span<const float> scale_of_triangle, std::span<const std::uint8_t> is_scattered,
+                   int page_blocks, Context& context);
 
 /// Of each triangle, whether its region (root: of each triangle) would fill little of the blocks that are owned for it
 /// alone, while its triangles are so small that colours of its vertices show as much.
 std::vector<std::uint8_t> find_scattered(const Charts& charts, const std::vector<std::uint32_t>& root);
 
-/// Visits the pixels of a chart whose centres lie in a triangle, widened by `margin_px`: visit(x, y, b1, b2) with the
-/// weights of the second and third corner.
-template <typename Visit>
-void for_pixels(const std::array<Eigen::Vector2f, 3>& p, float margin_px, const Visit& visit) {
-  const Eigen::Vector2f ab = p[1] - p[0], ac = p[2] - p[0];
-  const float area = ab.x() * ac.y() - ab.y() * ac.x();
-  if (area == 0) return;
-  const Eigen::Vector2f low = p[0].cwiseMin(p[1]).cwiseMin(p[2]), high = p[0].cwiseMax(p[1]).cwiseMax(p[2]);
-  // A weight falls from 1 to 0 over the height above its side.
-  const float scale = margin_px / std::abs(area);
-  const float m0 = scale * (ac - ab).norm(), m1 = scale * ac.norm(), m2 = scale * ab.norm();
-  for (int y = int(std::ceil(low.y() - margin_px)); float(y) <= high.y() + margin_px; ++y)
-    for (int x = int(std::ceil(low.x() - margin_px)); float(x) <= high.x() + margin_px; ++x) {
-      const Eigen::Vector2f ap(float(x) - p[0].x(), float(y) - p[0].y());
-      const float b1 = (ap.x() * ac.y() - ap.y() * ac.x()) / area, b2 = (ab.x() * ap.y() - ab.y() * ap.x()) / area;
-      if (b1 >= -m1 && b2 >= -m2 && 1 - b1 - b2 >= -m0) visit(x, y, b1, b2);
-    }
-}
+/// Of the 8 × 8 ways in which a grid of blocks may lie over triangles, the move of these to the one where the fewest
+/// blocks are read.
+Eigen::Vector2i best_shift(const std::vector<std::uint32_t>& triangles, const std::vector<Corners>& pixels);
 
 }  // namespace lapseam

@@ -9,25 +9,17 @@
 #include <numeric>
 
 #include "lapseam/context.h"
-#include "texture/charts.h"
+#include "texture/blocks.h"
 #include "texture/min_cut.h"
+#include "texture/stretch.h"
 
 namespace lapseam {
 namespace {
 
-// Pixels of a page that a pixel of border costs: padding for mip level 3, and for whole blocks, on either side.
-constexpr float kPadding = 12;
-// What a pixel costs by being laid out e times coarser than its image has it; one finer costs the pixels that are more.
-constexpr float kCoarser = 1;
-// No direction of an image becomes coarser than this, and no pixel more than this many.
-constexpr float kLeastDensity = 0.5f, kMostPixels = 4;
 constexpr int kCycles = 2;
 // How far a frame can go at once beyond what it has: over all of a small region, and along the rim of a large one,
 // which has its image for a reason. Without it, cuts would be over whole scenes.
 constexpr float kReach_px = 96;
-// Cells so thin show little of any image: slivers, whose normals are noise. They may face away, lie over their
-// neighbours and be of any size.
-constexpr float kSlender_px = 1.5f;
 // Pixels that surfaces next to each other in a frame may be apart along its rays.
 constexpr float kSameSurface_px = 8;
 
@@ -219,14 +211,7 @@ class FrameChoice {
     Eigen::Matrix2f own, there;
     if (!steps_in(facet, *cameras_[frame], there) || !steps_in(facet, *cameras_[view_[c]], own)) return false;
     const Eigen::Matrix2f map = there * own.inverse();
-    const float pixels = map.determinant();
-    // Singular values of two rows and columns.
-    const float squares = map.squaredNorm();
-    const float least = std::sqrt(
-        std::max(0.0f, 0.5f * (squares - std::sqrt(std::max(0.0f, squares * squares - 4 * pixels * pixels)))));
-    if (!(pixels > 0) || pixels > kMostPixels || !(least >= kLeastDensity)) return false;
-    cost = area_px_[c] * (kCoarser * std::max(0.0f, -std::log(least)) + std::max(0.0f, pixels - 1));
-    return true;
+    return cost_of_stretch(map, area_px_[c], cost);
   }
 
   /// Corners of a triangle in a frame.

@@ -50,4 +50,8 @@ struct Packing {
 /// other's bays. Pages are page_width × page_height blocks at most; every shape fits on one as it is.
 Packing pack_blocks(const std::vector<BlockShape>& shapes, int page_width, int page_height, Context& context);
 
+/// Lowers the pages of a packing: again and again some shapes around a gap are taken out and put in again in another
+/// order, until all fit on a page that is a row lower. For a bounded work, which is the same on every machine.
+void tighten(const std::vector<BlockShape>& shapes, Packing& packing, Context& context);
+
 }  // namespace lapseam

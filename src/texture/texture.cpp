@@ -15,10 +15,12 @@
 #include "texture/choose_frames.h"
 #include "texture/choose_images.h"
 #include "texture/equalize.h"
+#include "texture/layout.h"
 #include "texture/level.h"
 #include "texture/packing.h"
 #include "texture/painting.h"
 #include "texture/shared_edges.h"
+#include "texture/smooth_outlines.h"
 
 namespace lapseam {
 namespace {
@@ -132,10 +134,14 @@ class Texturing {
     }
   }
 
-  /// Cells at borders are taken apart: as triangles they make smoother ones.
   void lay_out(const Cells& cells) {
-    frame_ = view_;
-    if (!options_.choose || sources_.size() > kMostParts) return;
+    const bool is_joined = options_.choose && sources_.size() <= kMostParts;
+    layout_ = project_frames(mesh_, cameras_, view_, is_joined ? frames_of(cells) : view_, context_);
+    if (is_joined) smooth_outlines(mesh_, edges_, cameras_, view_, layout_, context_);
+  }
+
+  /// As whose image each triangle is laid out. Cells at borders are taken apart: as triangles they make smoother ones.
+  std::vector<std::uint32_t> frames_of(const Cells& cells) const {
     const std::vector<std::uint32_t> cell = cell_of_triangles(cells);
     std::vector<std::uint8_t> is_at_border(cells.count(), 0);
     for (const SharedEdge& edge : edges_)
@@ -145,8 +151,10 @@ class Texturing {
     for (std::size_t c = 0; c < finer.count(); ++c) view_of_cell[c] = view_[finer.of(c).front()];
     const std::vector<std::uint32_t> frame_of_cell =
         choose_frames(mesh_, finer, edges_, cameras_, view_of_cell, context_);
+    std::vector<std::uint32_t> frame(view_);
     for (std::size_t c = 0; c < finer.count(); ++c)
-      for (const std::uint32_t i : finer.of(c)) frame_[i] = frame_of_cell[c];
+      for (const std::uint32_t i : finer.of(c)) frame[i] = frame_of_cell[c];
+    return frame;
   }
 
   /// The image that a triangle was measured with, or the best where that one does not show it. cells: single triangles.
@@ -174,11 +182,7 @@ class Texturing {
 
   void measure_triangle(std::size_t i, RegionSize& size) const {
     const Triangle& t = mesh_.triangles[i];
-    std::array<Eigen::Vector2f, 3> p;
-    const ColorCamera& camera = *cameras_[frame_[i]];
-    for (std::size_t k = 0; k < 3; ++k)
-      if (!camera.project_beyond(mesh_.positions_m[t[k]], p[k])) return;
-    if (camera.wraps()) unwrap(p, camera.width());
+    const Corners& p = layout_.pixels[i];
     const Eigen::Vector2f ab = p[1] - p[0], ac = p[2] - p[0];
     size.area_px += double(std::abs(ab.x() * ac.y() - ab.y() * ac.x()));
     size.area_m2 += double((mesh_.positions_m[t[1]] - mesh_.positions_m[t[0]])
@@ -209,19 +213,21 @@ class Texturing {
 
   void pack() {
     StageScope stage(context_, "texture: pack");
-    const std::vector<std::uint32_t> root = find_regions(edges_, frame_);
+    const std::vector<std::uint32_t> root = find_regions(edges_, layout_.sheet);
     std::vector<RegionSize> size(root.size());
     for (std::size_t i = 0; i < root.size(); ++i)
       if (root[i] != kInvalidIndex) measure_triangle(i, size[root[i]]);
     constexpr int kMostTries = 12;
     for (int attempt = 0;; ++attempt) {
       const std::vector<float> scales = find_scales(root, size);
-      charts_ = make_charts(mesh_, cameras_, view_, frame_, scales, {}, page_blocks_, context_);
+      charts_ = make_charts(layout_, view_, scales, {}, page_blocks_, context_);
       const std::vector<std::uint8_t> is_scattered = find_scattered(charts_, root);
       if (std::find(is_scattered.begin(), is_scattered.end(), 1) != is_scattered.end())
-        charts_ = make_charts(mesh_, cameras_, view_, frame_, scales, is_scattered, page_blocks_, context_);
-      const std::uint64_t bytes = pack_charts();
-      if (options_.memory_bytes == 0 || bytes <= options_.memory_bytes) break;
+        charts_ = make_charts(layout_, view_, scales, is_scattered, page_blocks_, context_);
+      const bool is_limited = options_.memory_bytes > 0;
+      const std::uint64_t bytes = pack_charts(!is_limited);
+      if (is_limited && bytes <= options_.memory_bytes) pack_charts(true);
+      if (!is_limited || bytes <= options_.memory_bytes) break;
       if (attempt == kMostTries)
         throw InvalidInput({}, {}, "texture memory",
                            "the smallest pages that hold the texture take " + std::to_string(bytes) + " bytes");
@@ -229,8 +235,10 @@ class Texturing {
     }
   }
 
-  /// The best of some widths about the given one: how ragged the last rows are is chance.
-  Packing pack_tightly(const std::vector<BlockShape>& shapes, int width, int widest) {
+  /// The best of some widths about the given one: how ragged the last rows are is chance. When it is final, the better
+  /// ones are worked on.
+  Packing pack_tightly(const std::vector<BlockShape>& shapes, int width, int widest, bool is_final) {
+    constexpr std::size_t kTightened = 2;
     constexpr std::array<int, 6> kPercent = {100, 97, 94, 103, 106, 109};
     std::array<Packing, kPercent.size()> tries;
     parallel_for(context_, tries.size(), 1, [&](std::size_t k) {
@@ -242,10 +250,17 @@ class Texturing {
       for (const BlockPage& page : packing.pages) sum += std::uint64_t(page.width) * std::uint64_t(page.height);
       return sum;
     };
-    std::size_t best = 0;
-    for (std::size_t k = 1; k < tries.size(); ++k)
-      if (!tries[k].pages.empty() && area(tries[k]) < area(tries[best])) best = k;
-    return std::move(tries[best]);
+    std::vector<Packing*> order;
+    for (Packing& packing : tries)
+      if (!packing.pages.empty()) order.push_back(&packing);
+    const auto is_smaller = [&](const Packing* a, const Packing* b) { return area(*a) < area(*b); };
+    std::stable_sort(order.begin(), order.end(), is_smaller);
+    if (is_final) {
+      order.resize(std::min(order.size(), kTightened));
+      parallel_for(context_, order.size(), 1, [&](std::size_t k) { tighten(shapes, *order[k], context_); });
+      std::stable_sort(order.begin(), order.end(), is_smaller);
+    }
+    return std::move(*order.front());
   }
 
   static std::uint64_t owned_blocks(const Chart& chart) {
@@ -254,23 +269,23 @@ class Texturing {
 
   /// Scattered charts go to pages of their own, which are painted like the others; in the end their vertices get the
   /// colours, and the pages are dropped.
-  std::uint64_t pack_charts() {
+  std::uint64_t pack_charts(bool is_final) {
     std::vector<std::uint32_t> kept, dropped;
     for (std::uint32_t c = 0; c < charts_.charts.size(); ++c)
       (charts_.charts[c].is_scattered ? dropped : kept).push_back(c);
     page_sizes_.clear();
     report_.charts = kept.size();
-    report_.chart_pixels = kBlock_px * kBlock_px * pack_some(kept);
+    report_.chart_pixels = kBlock_px * kBlock_px * pack_some(kept, is_final);
     report_.page_pixels = 0;
     for (const BlockPage& page : page_sizes_)
       report_.page_pixels += std::uint64_t(page.width) * std::uint64_t(page.height) * kBlock_px * kBlock_px;
     report_.pages = page_sizes_.size();
-    pack_some(dropped);
+    pack_some(dropped, false);
     return 3 * report_.page_pixels;
   }
 
   /// Onto pages after those that are there. The number of blocks.
-  std::uint64_t pack_some(const std::vector<std::uint32_t>& some) {
+  std::uint64_t pack_some(const std::vector<std::uint32_t>& some, bool is_final) {
     if (some.empty()) return 0;
     std::vector<BlockShape> shapes;
     std::uint64_t blocks = 0;
@@ -283,7 +298,7 @@ class Texturing {
     }
     // What fits on one page makes a square one.
     const int square = int(std::ceil(std::sqrt(1.05 * double(blocks))));
-    const Packing packing = pack_tightly(shapes, std::min(page_blocks_, std::max(widest, square)), widest);
+    const Packing packing = pack_tightly(shapes, std::min(page_blocks_, std::max(widest, square)), widest, is_final);
     for (std::size_t k = 0; k < some.size(); ++k) {
       BlockPlace& place = charts_.charts[some[k]].place;
       place = packing.places[k];
@@ -404,8 +419,8 @@ class Texturing {
   std::vector<ColorResponse> responses_;
   std::vector<float> blur_;
   std::vector<SharedEdge> edges_;
-  std::vector<std::uint32_t> view_;   // that shows each triangle
-  std::vector<std::uint32_t> frame_;  // that it is laid out in
+  std::vector<std::uint32_t> view_;  // that shows each triangle
+  Layout layout_;
   Charts charts_;
   std::vector<BlockPage> page_sizes_;
   std::vector<PartMap> map_;

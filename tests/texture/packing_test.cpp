@@ -87,5 +87,37 @@ TEST(Packing, SmallShapesLieInTheBaysOfLargeOnes) {
   EXPECT_EQ(packing.places[0].y, 1);
 }
 
+std::size_t area_of(const Packing& packing) {
+  std::size_t area = 0;
+  for (const BlockPage& page : packing.pages) area += std::size_t(page.width) * std::size_t(page.height);
+  return area;
+}
+
+TEST(Packing, TighteningLowersPagesAndKeepsShapesApart) {
+  Context context(1);
+  std::mt19937 random(11);
+  std::vector<BlockShape> shapes;
+  for (int i = 0; i < 150; ++i) shapes.push_back(random_shape(random, 15));
+  for (const int height : {400, 60}) {  // one page, several
+    Packing packing = pack_blocks(shapes, 80, height, context);
+    const std::vector<BlockPlace> before = packing.places;
+    const std::size_t area = area_of(packing);
+    tighten(shapes, packing, context);
+    EXPECT_LT(area_of(packing), area);
+    for (std::size_t i = 0; i < shapes.size(); ++i) EXPECT_EQ(packing.places[i].page, before[i].page);
+    expect_disjoint(shapes, packing, 80, height);
+  }
+}
+
+TEST(Packing, TighteningLeavesAFullPageAsItIs) {
+  Context context(1);
+  const std::vector<BlockShape> shapes(16, BlockShape{4, 4, std::vector<std::uint8_t>(16, 1)});
+  Packing packing = pack_blocks(shapes, 16, 16, context);
+  tighten(shapes, packing, context);
+  ASSERT_EQ(packing.pages.size(), 1u);
+  EXPECT_EQ(area_of(packing), 256u);
+  expect_disjoint(shapes, packing, 16, 16);
+}
+
 }  // namespace
 }  // namespace lapseam
