@@ -19,7 +19,8 @@ struct OverlapOptions {
   double noise_factor = 2.5;
   /// How far views are off by their poses and calibration, metres (estimate_registration_error); widens the tolerance.
   double registration_error_m = 0;
-  /// Leave out samples that another view measured to be empty space (moved things, phantom surfaces, flying pixels).
+  /// Leave out samples that more than half as many views measured to be empty space as measured a surface there, the
+  /// sample's own among them (moved things, phantom surfaces, flying pixels).
   bool remove_seen_through = true;
   /// Move every sample along its ray to the inverse-variance mean of all views that measured its spot.
   bool consensus = true;
@@ -32,7 +33,7 @@ enum class Claim : std::uint8_t {
   kNone = 0,     ///< no sample, or no triangle uses it
   kYields = 1,   ///< another view measured this spot better
   kBest = 2,     ///< no other view did
-  kPhantom = 3,  ///< another view looked through it
+  kPhantom = 3,  ///< others looked through it, too many for those that agree
 };
 
 struct ClaimCounts {
@@ -43,8 +44,9 @@ struct ClaimCounts {
 /// over twice theirs; a sample yields to a view that measured the same surface there with more confidence. Equal
 /// confidence: the earlier view. On unbroken surface every fourth sample of every fourth row is asked for, and those
 /// between follow the nearest; elsewhere each is. With options.consensus the patches' ranges, which should be smoothed
-/// over such distances, move to the mean of what all agreeing views measured, weighted by the inverse variance along
-/// the normal (see docs/method.md), interpolated likewise. counts: one per patch, or empty. Deterministic; about 50 ns
+/// over such distances, move to the mean of what all agreeing views measured, as far off as half the noise and three
+/// times the registration error, weighted by the inverse variance along the normal (see docs/method.md), interpolated
+/// likewise. counts: one per patch, or empty. Deterministic; about 50 ns
 /// per sample that is asked for and view that can see it.
 std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const OverlapOptions& options,
                                                std::span<ClaimCounts> counts, Context& context);
