@@ -47,6 +47,7 @@ class Integration {
   IntegrateResult run() {
     check_budget();
     load();
+    smooth_views();
     measure_disagreement();
     prepare_patches();
     zip();
@@ -118,12 +119,30 @@ class Integration {
     result_.report.registration = std::move(placed.report);
   }
 
+  void smooth_views() {
+    StageScope stage(context_, "smooth", views_.size());
+    result_.report.views.resize(views_.size());
+    parallel_for(context_, views_.size(), 1, [&](std::size_t i) {
+      ViewReport& report = result_.report.views[i];
+      report.name = views_[i].name;
+      for (const float r : views_[i].range.pixels) report.samples += r > 0;
+      SmoothResult smoothed = smooth(views_[i], noise_[i], options_.smooth, context_);
+      views_[i].range = std::move(smoothed.range);
+      report.smoothing_sigma_factor = smoothed.remaining_sigma_factor;
+      stage.advance();
+    });
+  }
+
+  // Of smoothed views: what poses are off by by less than the noise of a sample would hide in it.
   void measure_disagreement() {
     StageScope stage(context_, "disagreement");
-    result_.report.disagreement = survey_disagreement(views_, noise_, context_);
+    std::vector<NoiseModel> left = noise_;
+    for (std::size_t i = 0; i < left.size(); ++i)
+      left[i] = left[i].scaled(result_.report.views[i].smoothing_sigma_factor);
+    result_.report.disagreement = survey_disagreement(views_, left, context_);
     overlap_ = options_.overlap;
     if (!(overlap_.registration_error_m > 0))
-      overlap_.registration_error_m = result_.report.disagreement.error.median_m;
+      overlap_.registration_error_m = result_.report.disagreement.error.of_view_m();
     result_.report.registration_error_m = overlap_.registration_error_m;
   }
 
@@ -163,23 +182,16 @@ class Integration {
     make_rays();
     StageScope stage(context_, "triangulate", views_.size());
     patches_.resize(views_.size());
-    result_.report.views.resize(views_.size());
     parallel_for(context_, views_.size(), 1, [&](std::size_t i) {
       Patch& patch = patches_[i];
-      ViewReport& report = result_.report.views[i];
       patch.view = std::move(views_[i]);
       patch.noise = noise_[i];
       patch.rays = rays_[i];
-      report.name = patch.view.name;
-      for (const float r : patch.view.range.pixels) report.samples += r > 0;
-      SmoothResult smoothed = smooth(patch.view, patch.noise, options_.smooth, context_);
-      patch.view.range = std::move(smoothed.range);
-      report.smoothing_sigma_factor = smoothed.remaining_sigma_factor;
       const StepThreshold threshold = make_step_threshold(patch.view.sensor, patch.noise);
       patch.grid = triangulate(patch.view, *patch.rays, threshold, context_);
       measure_confidence(patch, threshold, context_);
       for_each_plane(patch, [&](auto& pixels) { spill(pixels, context_); });
-      report.triangles = patch.grid.triangle_count();
+      result_.report.views[i].triangles = patch.grid.triangle_count();
       stage.advance();
     });
   }

@@ -1,5 +1,6 @@
 #include <nlohmann/json.hpp>
 
+#include "io/noise_json.h"
 #include "lapseam/context.h"
 #include "lapseam/integrate.h"
 #include "lapseam/register_scene.h"
@@ -9,14 +10,6 @@ namespace lapseam {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-Json of_noise(const NoiseModel& noise) {
-  return {{"s0_m", noise.s0_m},
-          {"s1", noise.s1},
-          {"s2_per_m", noise.s2_per_m},
-          {"floor_m", noise.floor_m},
-          {"correlation", noise.correlation}};
-}
 
 Json of_claims(const ClaimCounts& counts) {
   return {{"best", counts.best}, {"yields", counts.yields}, {"phantom", counts.phantom}, {"islands", counts.islands}};
@@ -32,7 +25,7 @@ Json of_sensor(const SensorReport& sensor) {
   Json bins = Json::array();
   for (const NoiseBin& bin : sensor.measured.bins)
     bins.push_back({{"range_m", bin.range_m}, {"sigma_m", bin.sigma_m}, {"samples", bin.samples}});
-  return {{"noise", of_noise(sensor.noise)},
+  return {{"noise", noise_to_json(sensor.noise)},
           {"noise_from", sensor.is_noise_given ? "manifest" : "data"},
           {"noise_by_range", bins},
           {"thresholds", thresholds}};

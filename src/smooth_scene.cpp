@@ -25,11 +25,6 @@ bool is_same_file(const fs::path& a, const fs::path& b) {
   return fs::equivalent(a, b, ignored);
 }
 
-NoiseModel scaled(NoiseModel noise, double factor) {
-  for (double* term : {&noise.s0_m, &noise.s1, &noise.s2_per_m, &noise.floor_m}) *term *= factor;
-  return noise;
-}
-
 class SceneSmoother {
  public:
   SceneSmoother(const Scene& scene, const fs::path& folder, const SmoothSceneOptions& options, Context& context)
@@ -134,7 +129,7 @@ class SceneSmoother {
 
     write_range_exr(files_[i], result.range, view.sensor, view.T_world_view);
     written.sensor = view.sensor;
-    written.noise = scaled(noise, result.remaining_sigma_factor);
+    written.noise = noise.scaled(result.remaining_sigma_factor);
     written.range = {};
     written.range.format = RangeFormat::kExr;
     written.range.file = files_[i];

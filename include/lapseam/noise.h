@@ -2,6 +2,7 @@
 
 // How far a measured range may be off, along its ray.
 
+#include <cmath>
 #include <span>
 
 #include "lapseam/image.h"
@@ -12,8 +13,10 @@ namespace lapseam {
 class Context;
 struct View;
 
-/// Standard deviation of the range along the ray: sigma(r) = max(floor, s0 + s1·r + s2·r²), metres. correlation: how
-/// many neighbouring samples have one error between them, at least 1; where ranges are rounded to steps larger than
+/// Standard deviation of the range along the ray, metres, of a surface that faces the sensor: sigma(r) =
+/// max(floor, s0 + s1·r + s2·r²). At an angle θ between ray and normal comes r · tan θ · pointing_rad in square: what
+/// the direction of a ray is off by, and what a pixel or beam spreads over, moves the range by as much. correlation:
+/// how many neighbouring samples have one error between them, at least 1; where ranges are rounded to steps larger than
 /// their noise, those on one step are off alike, and a mean of them by as much as each.
 struct NoiseModel {
   double s0_m = 0;
@@ -21,11 +24,29 @@ struct NoiseModel {
   double s2_per_m = 0;
   double floor_m = 0;
   double correlation = 1;
+  double pointing_rad = 0;
 
   double sigma(double range_m) const {
     const double s = s0_m + range_m * (s1 + range_m * s2_per_m);
     return s > floor_m ? s : floor_m;
   }
+  /// Along the normal, where it and the ray are at an angle with this cosine.
+  double sigma_across(double range_m, double cosine) const {
+    const double facing = cosine * sigma(range_m);
+    if (pointing_rad == 0) return facing;
+    return std::sqrt(facing * facing + (1 - cosine * cosine) * squared(pointing_rad * range_m));
+  }
+  /// Along the ray there, which must not lie in the surface.
+  double sigma(double range_m, double cosine) const { return sigma_across(range_m, cosine) / cosine; }
+  /// No smaller than any sigma_across at this range.
+  double largest_across(double range_m) const { return sigma(range_m) + pointing_rad * range_m; }
+  /// Of samples that are off by so many times as much.
+  NoiseModel scaled(double factor) const {
+    return {factor * s0_m, factor * s1, factor * s2_per_m, factor * floor_m, correlation, factor * pointing_rad};
+  }
+
+ private:
+  static double squared(double x) { return x * x; }
 };
 
 /// The noise of a sensor, from range images of unknown scenes. What neighbouring samples disagree by on surfaces that

@@ -24,14 +24,15 @@ struct SensorEntry {
 using SensorTable = std::map<std::string, SensorEntry>;
 
 NoiseModel read_noise(const json& value, const Source& source, const std::string& path) {
-  const JsonObject object(value, source, path, {"s0_m", "s1", "s2_per_m", "floor_m", "correlation"});
+  const JsonObject object(value, source, path, {"s0_m", "s1", "s2_per_m", "floor_m", "correlation", "pointing_rad"});
   const auto not_negative = [&](const char* key) {
     const double number = object.number_or(key, 0);
     if (number < 0) object.refuse(key, "must not be negative");
     return number;
   };
   const NoiseModel noise{not_negative("s0_m"), object.number_or("s1", 0), not_negative("s2_per_m"),
-                         not_negative("floor_m"), object.number_or("correlation", 1)};
+                         not_negative("floor_m"), object.number_or("correlation", 1),
+                         not_negative("pointing_rad")};
   if (!(noise.correlation >= 1)) object.refuse("correlation", "must be at least 1");
   // A parabola about a best range falls at first.
   if (noise.s1 < 0 && noise.floor_m <= 0) object.refuse("s1", "may be negative only with a floor_m");

@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "io/angle_table.h"
+#include "io/noise_json.h"
 #include "io/output_file.h"
 #include "io/scene_formats.h"
 
@@ -64,14 +65,6 @@ Json to_json(const PoseCovariance& covariance) {
     rows.push_back(std::move(numbers));
   }
   return rows;
-}
-
-Json to_json(const NoiseModel& noise) {
-  return {{"s0_m", noise.s0_m},
-          {"s1", noise.s1},
-          {"s2_per_m", noise.s2_per_m},
-          {"floor_m", noise.floor_m},
-          {"correlation", noise.correlation}};
 }
 
 void put_axis(Json& object, const char* limits_key, const char* table_key, const std::vector<double>& angles_rad) {
@@ -201,7 +194,7 @@ class Writer {
     // Colours in a measured grid's own file are found there again, and their camera is nowhere else.
     const bool is_color_in_file = view.color && is_in_file(view) && view.color->file == view.range.file;
     if (view.color && !is_color_in_file) object["color"] = to_color(view);
-    if (view.noise) object["noise"] = to_json(*view.noise);
+    if (view.noise) object["noise"] = noise_to_json(*view.noise);
     return object;
   }
 

@@ -8,6 +8,8 @@
 #include "lapseam/noise.h"
 #include "lapseam/noise_measurement.h"
 #include "noise/fit_noise.h"
+#include "noise/fit_pointing.h"
+#include "noise/robust_sigma.h"
 #include "noise/roughness.h"
 
 namespace lapseam {
@@ -22,15 +24,14 @@ constexpr int kBins = 24;
 constexpr double kNarrowestBin = 1.03;
 constexpr std::size_t kFewestPerBin = 200, kFewestInAll = 30;
 
-// Sizes beyond this many standard deviations are edges; the medians of a normal distribution's sizes, all and below
-// that.
-constexpr double kEdge = 2.5, kMedianOfAll = 0.67449, kMedianBelowEdge = 0.66479;
 // A value rounded to steps is off by this part of a step.
 const double kFromStep = 1 / std::sqrt(12.0);
 // From here on a mean over neighbours is no better than one of them.
 constexpr double kMostCorrelated = 4;
 // A float holds a value to half a unit in the last of 24 bits.
 constexpr double kFloatStep = 1.0 / (1 << 24);
+
+constexpr int kIncidencePasses = 6;
 
 // Without enough samples next to one another, half a percent of the range: between a good and a bad depth camera.
 constexpr double kUnknownNoise = 0.005;
@@ -65,25 +66,6 @@ Samples sample_views(std::span<const View* const> views, Context& context) {
     all.ranges.insert(all.ranges.end(), s.ranges.begin(), s.ranges.end());
   }
   return all;
-}
-
-double median_of(std::vector<float>& values) {
-  const auto middle = values.begin() + std::ptrdiff_t(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return double(*middle);
-}
-
-// Standard deviation from absolute residuals. The median stands edges as far as they are few; leaving out what is one
-// and taking it again rids it of most of what they still add.
-double robust_sigma(std::vector<float>& sizes) {
-  double sigma = median_of(sizes) / kMedianOfAll;
-  for (int pass = 0; pass < 5; ++pass) {
-    const auto limit = float(kEdge * sigma);
-    std::erase_if(sizes, [&](float x) { return x > limit; });
-    if (sizes.empty()) break;
-    sigma = median_of(sizes) / kMedianBelowEdge;
-  }
-  return sigma;
 }
 
 // The step that values between two ranges were rounded to, 0 if none shows. sorted: all sampled ranges. Steps may grow
@@ -152,8 +134,23 @@ NoiseMeasurement measure_noise(std::span<const View* const> views, Context& cont
 
   const auto middle = double(samples.ranges[samples.ranges.size() / 2]);
   Bins found;
-  if (samples.roughness.size() >= kFewestInAll) found = make_bins(samples.roughness, samples.ranges);
-  NoiseModel noise = found.bins.empty() ? NoiseModel{.s1 = kUnknownNoise} : fit_noise(found.bins);
+  NoiseModel noise{.s1 = kUnknownNoise};
+  if (samples.roughness.size() >= kFewestInAll) {
+    found = make_bins(samples.roughness, samples.ranges);
+    if (!found.bins.empty()) noise = fit_noise(found.bins);
+    // What incidence makes worse is taken out of the residuals, and the rest looked at again.
+    for (int pass = 0; pass < kIncidencePasses && !found.bins.empty(); ++pass) {
+      const double pointing_rad = fit_pointing(samples.roughness, noise);
+      if (pointing_rad == 0) break;
+      noise.pointing_rad = pointing_rad;
+      std::vector<Roughness> facing;
+      for (const Roughness& r : samples.roughness)
+        if (r.slope_m >= 0) facing.push_back({r.range, r.residual_m * facing_share(noise, r), r.slope_m});
+      found = make_bins(facing, samples.ranges);
+      noise = fit_noise(found.bins);
+      noise.pointing_rad = pointing_rad;
+    }
+  }
   const double step = step_between(samples.ranges, samples.ranges.front(), samples.ranges.back(), 0.1);
   noise.floor_m = std::max(step * kFromStep, middle * kFloatStep);
   noise.correlation = found.correlation;

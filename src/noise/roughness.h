@@ -13,6 +13,9 @@ namespace lapseam {
 struct Roughness {
   float range;
   float residual_m;
+  /// Of the plane that the tile shows: how far the range changes along it, times range: range · tan(incidence). Below 0
+  /// where the tile shows none.
+  float slope_m;
 };
 
 /// From up to `tiles` tiles, spread evenly over the image. Zero on planes, whatever the sensor, and nearly so on smooth

@@ -92,7 +92,7 @@ bool is_worth_asking(const Patch& judge, const Eigen::Vector3f& center, const Pa
 float largest_tolerance(const Judge& judge, const Eigen::Vector3f& center, const Patch& patch, const PatchTile& tile,
                         const OverlapOptions& options) {
   const float there = center.norm() + tile.radius_m, here = tile.center_in_view.norm() + tile.radius_m;
-  const auto sigma = float(judge.patch->noise.sigma(double(there)) + patch.noise.sigma(double(here)));
+  const auto sigma = float(judge.patch->noise.largest_across(double(there)) + patch.noise.largest_across(double(here)));
   return (kDisagreement *
               (float(options.noise_factor) * sigma + kRegistrationFactor * float(options.registration_error_m)) +
           judge.spacing_per_m * there) /
@@ -103,7 +103,9 @@ float largest_tolerance(const Judge& judge, const Eigen::Vector3f& center, const
 // what the sample may be off by.
 float shift_unit_m(const Patch& patch, std::size_t pixel, double registration_error_m) {
   constexpr double kUnits = 4000;
-  return float(std::hypot(patch.noise.sigma(double(patch.view.range.pixels[pixel])), registration_error_m) / kUnits);
+  const double cosine = std::max(double(kLowestCosine), patch.incidence.pixels[pixel] / 255.0);
+  const double sigma = patch.noise.sigma(double(patch.view.range.pixels[pixel]), cosine);
+  return float(std::hypot(sigma, registration_error_m) / kUnits);
 }
 
 // Judges the samples of one tile of one view.
@@ -295,7 +297,7 @@ class TileClaims {
   // Behind something else, as most are: no more to ask.
   bool is_hidden(const Judge& judge, const Sample& sample, const Seen& seen) const {
     const float measured = judge.patch->view.range.pixels[seen.pixel];
-    const auto sigma = float(judge.patch->noise.sigma(double(measured)));
+    const auto sigma = float(judge.patch->noise.largest_across(double(measured)));
     const float registration = kRegistrationFactor * float(options_.registration_error_m);
     const float most = (kDisagreement * (float(options_.noise_factor) * (sigma + sample.error_m) + registration) +
                         judge.spacing_per_m * measured) /
@@ -308,13 +310,12 @@ class TileClaims {
     const std::size_t pixel = seen.pixel;
     const Pixel& at = seen.at;
     const float measured = other.view.range.pixels[pixel];
-    const auto sigma = float(other.noise.sigma(double(measured)));
     const float spacing = judge.spacing_per_m * measured;
     const float registration = kRegistrationFactor * float(options_.registration_error_m);
     const std::uint8_t other_confidence = other.confidence.pixels[pixel];
     if (!(other_confidence > 0)) return;
     const float cosine = std::max(kLowestCosine, float(other.incidence.pixels[pixel]) / 255);
-    const float own = sigma * cosine;
+    const auto own = float(other.noise.sigma_across(double(measured), double(cosine)));
     const float variance = own * own + sample.error_m * sample.error_m;
     const float along_normal = float(options_.noise_factor) * std::sqrt(variance) + registration;
     // The sample may lie up to half a pixel from the other view's: the surface's slope makes a difference of that.
@@ -362,7 +363,7 @@ class TileClaims {
         if (!(other.confidence.pixels[pixel] > 0)) return false;
         const float cosine = std::max(kLowestCosine, float(other.incidence.pixels[pixel]) / 255);
         const float measured = other.view.range.pixels[pixel];
-        if (measured - r < clearance_m / cosine + kClearanceFactor * float(other.noise.sigma(double(measured))))
+        if (measured - r < clearance_m / cosine + kClearanceFactor * float(other.noise.sigma(measured, cosine)))
           return false;
       }
     return true;

@@ -59,14 +59,14 @@ Eigen::Vector3f ViewCanvas::direction(float u, float v) const {
 
 float ViewCanvas::tolerance(std::size_t pixel, float error_m) const {
   const float cosine = float(patch_.incidence.pixels[pixel]) / 255;
-  const float own = float(patch_.noise.sigma(double(patch_.view.range.pixels[pixel]))) * cosine;
+  const auto own = float(patch_.noise.sigma_across(double(patch_.view.range.pixels[pixel]), double(cosine)));
   const float along_normal = float(options_.noise_factor) * std::sqrt(own * own + error_m * error_m) +
                              kRegistrationFactor * float(options_.registration_error_m);
   return along_normal / std::max(cosine, kLowestCosine);
 }
 
 float ViewCanvas::largest_tolerance(float range_m, float error_m) const {
-  const float sigma = range_m > 0 ? float(patch_.noise.sigma(double(range_m))) : 0.0f;
+  const float sigma = range_m > 0 ? float(patch_.noise.largest_across(double(range_m))) : 0.0f;
   return (float(options_.noise_factor) * (sigma + error_m) +
           kRegistrationFactor * float(options_.registration_error_m)) /
          kLowestCosine;

@@ -59,8 +59,7 @@ SensorRig make_ortho_rig(int width, int height, double extent_m) {
 SensorEffects scaled(const SensorEffects& effects, double scale) {
   if (!(scale >= 0)) throw InvalidInput({}, {}, "noise scale", "must not be negative");
   SensorEffects out = effects;
-  out.noise = {effects.noise.s0_m * scale, effects.noise.s1 * scale, effects.noise.s2_per_m * scale,
-               effects.noise.floor_m * scale, effects.noise.correlation};
+  out.noise = effects.noise.scaled(scale);
   if (scale == 0) {
     out.quantization_m = out.quantization_2_per_m = 0;
     out.grazing_cosine = out.dark_dropout = out.specular_dropout = 0;

@@ -73,7 +73,8 @@ class RangeMeasurement {
       if (is_lost(u, v, *hit, ray, cosine)) return kInvalidRange;
     }
     const double angle = std::acos(std::min(cosine, 1.0));
-    const double sigma = effects_.noise.sigma(r) * (1 + angle * (effects_.incidence_1 + angle * effects_.incidence_2));
+    const double factor = 1 + angle * (effects_.incidence_1 + angle * effects_.incidence_2);
+    const double sigma = effects_.noise.sigma(r, std::max(cosine, kMostGrazing)) * factor;
     if (sigma > 0) r += sigma * CounterRng(seed_, Stream::kNoise, view_, pixel(u, v)).gaussian(0);
     const double step = effects_.quantization_m + effects_.quantization_2_per_m * r * r;
     if (step > 0) r = step * std::round(r / step);
@@ -82,6 +83,7 @@ class RangeMeasurement {
 
  private:
   std::uint64_t pixel(int u, int v) const { return image_.hits.index(u, v); }
+  static constexpr double kMostGrazing = 0.02;  // no ray of a sensor lies in a surface
   bool is_in_limits(double r) const { return r >= effects_.min_range_m && r <= effects_.max_range_m; }
   bool is_seen(const Hit& hit, const Ray& ray) const {
     if (!(hit.range > 0) || !is_in_limits(double(hit.range))) return false;

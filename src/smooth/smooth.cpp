@@ -42,6 +42,10 @@ constexpr float kSharing = 3.0f;
 // Pairs whose rays are not symmetric about the centre ray (staggered grids) would shear slopes; in samples.
 constexpr float kLargestAsymmetry_px = 0.05f;
 
+// A slope is taken over so many samples, and is no steeper (87°).
+constexpr int kSlopeReach_px = 2;
+constexpr double kSteepest = 20;
+
 struct Grid {
   int width, height;
   bool wraps;
@@ -118,17 +122,20 @@ struct Mean {
 
 class Smoother {
  public:
-  Smoother(const View& view, const NoiseModel& noise)
+  /// guide: the image once smoothed, which tells the incidence; null where the noise does not depend on it.
+  Smoother(const View& view, const NoiseModel& noise, const RangeImage* guide)
       : grid_{view.range.width, view.range.height, wraps(view.sensor), std::get_if<MeasuredGridSensor>(&view.sensor)},
         is_central_(!grid_.measured && !std::holds_alternative<OrthographicSensor>(view.sensor)),
         sensor_(view.sensor),
         correlation_(float(noise.correlation)),
         value_(view.range.size()),
         variance_(view.range.size()) {
+    const SpacingLine spacing = spacing_line(view.sensor);
     for (std::size_t i = 0; i < value_.size(); ++i) {
       const float r = view.range.pixels[i];
       if (!(r > 0)) continue;
-      const auto s = float(noise.sigma(double(r)));
+      auto s = float(noise.sigma(double(r)));
+      if (guide) s = std::hypot(s, float(noise.pointing_rad) * slope_at(*guide, i, spacing));
       const float sigma = is_central_ ? s / (r * r) : s;
       value_[i] = is_central_ ? 1.0f / r : r;
       variance_[i] = std::max(sigma * sigma, std::numeric_limits<float>::min());
@@ -186,6 +193,28 @@ class Smoother {
   }
 
  private:
+  // Range · tan(incidence), by how far the distance changes from sample to sample; in each direction on that side where
+  // it changes less, so that a step is no slope.
+  float slope_at(const RangeImage& guide, std::size_t i, const SpacingLine& spacing) const {
+    const int u = int(i % std::size_t(grid_.width)), v = int(i / std::size_t(grid_.width));
+    const double here = distance_at(guide, i);
+    double squares = 0;
+    for (const auto& [du, dv] : {std::pair{kSlopeReach_px, 0}, {0, kSlopeReach_px}}) {
+      double least = std::numeric_limits<double>::infinity();
+      for (const int sign : {1, -1})
+        if (const std::size_t k = neighbor(u + sign * du, v + sign * dv); k != kNone && guide.pixels[k] > 0)
+          least = std::min(least, std::abs(distance_at(guide, k) - here) / kSlopeReach_px);
+      if (std::isfinite(least)) squares += least * least;
+    }
+    const auto r = double(guide.pixels[i]);
+    return float(r * std::min(std::sqrt(squares) / spacing.at(r), kSteepest));
+  }
+  double distance_at(const RangeImage& guide, std::size_t i) const {
+    const auto r = double(guide.pixels[i]);
+    if (!is_central_) return r;
+    return unproject(sensor_, double(i % std::size_t(grid_.width)), double(i / std::size_t(grid_.width)), r).norm();
+  }
+
   // f(u, v, value, variance) for each pixel, from value_ and variance_ into fresh buffers.
   template <typename F>
   void for_all(Context& context, const F& f) {
@@ -349,14 +378,22 @@ class Smoother {
   Pixels<float> next_value_, next_variance_;
 };
 
-}  // namespace
-
-SmoothResult smooth(const View& view, const NoiseModel& noise, const SmoothOptions& options, Context& context) {
-  Smoother smoother(view, noise);
+SmoothResult run(const View& view, const NoiseModel& noise, const RangeImage* guide, const SmoothOptions& options,
+                 Context& context) {
+  Smoother smoother(view, noise, guide);
   if (options.reach_px > 0) smoother.tame_outliers(context);
   for (int distance = 1; distance <= options.reach_px; distance *= 2) smoother.pass(distance, context);
   for (int i = 0; i < kSettlings && options.reach_px > 0; ++i) smoother.settle(context);
   return smoother.take_result(view);
+}
+
+}  // namespace
+
+SmoothResult smooth(const View& view, const NoiseModel& noise, const SmoothOptions& options, Context& context) {
+  SmoothResult result = run(view, noise, nullptr, options, context);
+  // The measured slopes are too noisy to tell what noise they have; those of the smoothed image are not.
+  if (noise.pointing_rad > 0) result = run(view, noise, &result.range, options, context);
+  return result;
 }
 
 }  // namespace lapseam

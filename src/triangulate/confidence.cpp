@@ -22,6 +22,8 @@ constexpr int kBlock_px = 2;
 constexpr int kAveraging_blocks = 4;
 // Normals for the incidence come from differences over this many blocks either side, of range smoothed at these taps.
 constexpr int kBaseline_blocks = 2;
+// More grazing normals are not told from this.
+constexpr float kLowestCosine = 0.02f;
 constexpr int kTaps_blocks[] = {1, 2};
 
 // Samples that no triangle uses have no say.
@@ -227,11 +229,12 @@ void measure_confidence(Patch& patch, const StepThreshold& threshold, Context& c
       const std::uint32_t i = blocks.pixel(x, y);
       if (i == kInvalidIndex) continue;
       const auto r = double(patch.view.range.pixels[i]);
-      const float cosine = blocks.cosine(x, y);
-      const auto error = float(std::hypot(patch.noise.sigma(r), kSpacingShare * threshold.spacing(r)));
+      const float cosine = blocks.cosine(x, y), believed = std::max(kLowestCosine, cosine);
+      const double noise_m = patch.noise.sigma(r, double(believed));
+      const auto error = float(std::hypot(noise_m, kSpacingShare * threshold.spacing(r)));
       const float ramp = kBorderShare + (1.0f - kBorderShare) * float(border[i]) / float(kBorderRamp_px);
       // Never 0 for a sample in use: any measurement beats none.
-      confidence.at(x, y) = std::max(0.02f, cosine) * ramp / error;
+      confidence.at(x, y) = believed * ramp / error;
       incidence.at(x, y) = std::uint8_t(std::lround(cosine * 255.0f));
     }
   for (int pass = 0; pass < 2; ++pass) confidence = average_columns(average_rows(confidence, patch.grid.wraps));

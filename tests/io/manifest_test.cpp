@@ -28,7 +28,7 @@ constexpr const char* kManifest = R"({
     {"name": "right", "sensor": "tof",
      "T_world_view": [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
      "range": {"file": "depth/right.png", "quantity": "distance", "scale_m": 0.0002},
-     "noise": {"floor_m": 0.003, "correlation": 2.5}}
+     "noise": {"floor_m": 0.003, "correlation": 2.5, "pointing_rad": 0.0004}}
   ]
 })";
 
@@ -88,6 +88,7 @@ TEST_F(Manifest, SaysWhatItSays) {
   EXPECT_EQ(right.range.quantity, RangeQuantity::kDistance);
   EXPECT_EQ(right.noise->floor_m, 0.003);
   EXPECT_EQ(right.noise->correlation, 2.5);
+  EXPECT_EQ(right.noise->pointing_rad, 0.0004);
   EXPECT_EQ(right.noise->s0_m, 0);
   EXPECT_FALSE(right.color);
 }
@@ -203,6 +204,8 @@ TEST_F(Manifest, MissingKeysAndWrongTypes) {
   expect_change_refused("\"floor_m\": 0.003", "\"floor_m\": -1", {"'right'", "noise.floor_m", "negative"});
   expect_change_refused("\"floor_m\": 0.003", "\"floor_m\": 0", {"'right'", "noise", "zero"});
   expect_change_refused("\"correlation\": 2.5", "\"correlation\": 0.5", {"'right'", "noise.correlation", "at least 1"});
+  expect_change_refused("\"pointing_rad\": 0.0004", "\"pointing_rad\": -1",
+                        {"'right'", "noise.pointing_rad", "negative"});
   expect_change_refused("\"s2_per_m\": 0.002", "\"s1\": -0.001", {"sensors.tof.noise.s1", "floor_m"});
   expect_change_refused("\"version\": 1", "\"version\": 2", {"scene.json", "version", "2"});
   expect_change_refused("\"lapseam-scene\"", "\"other\"", {"scene.json", "format"});

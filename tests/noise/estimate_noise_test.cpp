@@ -16,6 +16,13 @@ namespace {
 
 const Eigen::Vector3d kRoomLow(-2, -1.5, -1), kRoomHigh(3, 1.5, 1.6);
 
+// Of a ray with the wall that it meets at a point.
+double cosine_in_room(const Eigen::Vector3d& point, const Eigen::Vector3d& ray) {
+  int axis = 0;
+  (point - kRoomLow).cwiseAbs().cwiseMin((point - kRoomHigh).cwiseAbs()).minCoeff(&axis);
+  return std::abs(ray[axis]) / ray.norm();
+}
+
 // The sensor stands in a box room, where surfaces at all slants and ranges are planes.
 View room_view(const Sensor& sensor, const NoiseModel& noise, unsigned seed, const Eigen::Vector3d& target) {
   View view;
@@ -34,7 +41,8 @@ View room_view(const Sensor& sensor, const NoiseModel& noise, unsigned seed, con
       const double t = *room(T * at_one, T.linear() * ray);
       const double r =
           1 + t * (unproject(sensor, u, v, 2) - at_one).norm() / (unproject(sensor, u, v, 2) - at_one).squaredNorm();
-      view.range.at(u, v) = float(r + normal(rng) * noise.sigma(r));
+      view.range.at(u, v) =
+          float(r + normal(rng) * noise.sigma(r, cosine_in_room(T * (t * ray + at_one), T.linear() * ray)));
     }
   return view;
 }
@@ -57,6 +65,33 @@ TEST(EstimateNoise, PinholeRoom) {
        {NoiseModel{0.002, 0, 0, 0}, NoiseModel{0.0005, 0, 0.0019, 0}, NoiseModel{0, 0.002, 0, 0}})
     expect_recovered(estimate({room_view(sensor, truth, 1, {1, 0.4, -0.3}), room_view(sensor, truth, 2, {0, -1, 0.5})}),
                      truth, 1.3, 4.6);
+}
+
+TEST(EstimateNoise, PointingMakesSlantedWallsRougher) {
+  const auto scanner = SphericalSensor::from_limits(1000, 450, -std::numbers::pi, std::numbers::pi, 1.5, -1.0);
+  const PinholeSensor camera{640, 480, 525, 525, 319.5, 239.5, {}};
+  for (const Sensor& sensor : {Sensor(scanner), Sensor(camera)}) {
+    const NoiseModel truth{.s0_m = 0.001, .pointing_rad = 0.0008};
+    const NoiseModel found =
+        estimate({room_view(sensor, truth, 1, {1, 0.4, -0.3}), room_view(sensor, truth, 2, {0, -1, 0.5})});
+    EXPECT_NEAR(found.pointing_rad / truth.pointing_rad, 1, 0.15) << kind_name(sensor);
+    expect_recovered(found, truth, 1.3, 3.2);
+    // Without, the same walls say nothing of the kind.
+    const NoiseModel none = estimate({room_view(sensor, {.s0_m = 0.001}, 1, {1, 0.4, -0.3})});
+    EXPECT_EQ(none.pointing_rad, 0) << kind_name(sensor);
+  }
+}
+
+TEST(NoiseModel, IncidenceCountsByItsTangent) {
+  const NoiseModel noise{.s0_m = 0.002, .pointing_rad = 0.001};
+  EXPECT_DOUBLE_EQ(noise.sigma(3, 1), 0.002);
+  // At 45° the range is off by what the ray is off by sideways: 3 mm.
+  EXPECT_NEAR(noise.sigma(3, std::sqrt(0.5)), std::hypot(0.002, 0.003), 1e-12);
+  for (const double cosine : {0.05, 0.3, 0.7, 1.0}) {
+    EXPECT_NEAR(noise.sigma_across(3, cosine), cosine * noise.sigma(3, cosine), 1e-12);
+    EXPECT_LE(noise.sigma_across(3, cosine), noise.largest_across(3));
+  }
+  EXPECT_DOUBLE_EQ(noise.scaled(2).sigma(3, 0.5), 2 * noise.sigma(3, 0.5));
 }
 
 TEST(EstimateNoise, DistortedPinhole) {

@@ -186,6 +186,18 @@ TEST(Noise, GrowsWithIncidence) {
   EXPECT_NEAR(m.sigma / (0.002 * (1 + 0.5 * angle + 2 * angle * angle)), 1, 0.01);
 }
 
+TEST(Noise, OfPointingGrowsWithTheTangent) {
+  const SensorRig rig = make_ortho_rig(300, 300, 1.0);
+  ViewSource view = look_down_from(rig, {0, 0, 3});
+  view.T_world_view.linear() =
+      view.T_world_view.linear() * Eigen::AngleAxisd(std::numbers::pi / 3, Vector3d::UnitX()).toRotationMatrix();
+  SensorEffects effects;
+  effects.noise = {.s0_m = 0.002, .pointing_rad = 0.0002};
+  const SimulatedView seen = simulate_one(make_wall(), view, effects);
+  const double range = double(seen.true_range.at(150, 150));
+  EXPECT_NEAR(residuals(seen).sigma / std::hypot(0.002, 0.0002 * range * std::sqrt(3.0)), 1, 0.02);
+}
+
 TEST(Noise, ScalesAndStops) {
   const SensorEffects defaults = make_rgbd_rig().effects;
   EXPECT_DOUBLE_EQ(scaled(defaults, 2).noise.sigma(3.0), 2 * defaults.noise.sigma(3.0));

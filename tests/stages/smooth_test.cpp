@@ -77,6 +77,24 @@ TEST(Smooth, StepsOfRoundingGoIfNeighborsAreKnownToShareThem) {
   EXPECT_LT(left(4), 0.7 * left(1));
 }
 
+TEST(Smooth, SlantedWallsAreSmoothedWithinTheNoiseThatSlantMakes) {
+  Context context(2);
+  // 76° between ray and normal.
+  const Eigen::Vector3d across = Eigen::Vector3d(4, 0, 1).normalized();
+  const NoiseModel noise{.s0_m = 0.001, .pointing_rad = 0.002};
+  const View clean = test::make_view("p", OrthographicSensor{120, 120, 0.01, 0.01, 59.5, 59.5},
+                                     Eigen::Isometry3d::Identity(), test::plane({0, 0, 5}, across));
+  View noisy = clean;
+  std::mt19937 rng(5);
+  std::normal_distribution<double> normal(0, 1);
+  for (float& r : noisy.range.pixels) r += float(normal(rng) * noise.sigma(double(r), across.z()));
+  const double before = rms_difference(noisy.range, clean.range, 12);
+  const double knowing = rms_difference(smooth(noisy, noise, {}, context).range, clean.range, 12);
+  const double not_knowing = rms_difference(smooth(noisy, {.s0_m = 0.001}, {}, context).range, clean.range, 12);
+  EXPECT_LT(knowing, 0.35 * before);
+  EXPECT_LT(knowing, 0.5 * not_knowing);
+}
+
 TEST(Smooth, StepsAndHolesStay) {
   Context context(2);
   const test::Shape shape =

@@ -64,11 +64,6 @@ Scene only_every(Scene scene, int n) {
   return some;
 }
 
-NoiseModel scaled(NoiseModel noise, double factor) {
-  for (double* term : {&noise.s0_m, &noise.s1, &noise.s2_per_m, &noise.floor_m}) *term *= factor;
-  return noise;
-}
-
 // Noise and registration error are what the views themselves say, where the scene says nothing.
 ViewEvaluation evaluate_measured(const Mesh& result, const EvaluateArguments& arguments, const std::string& path,
                                  Context& context) {
@@ -91,7 +86,7 @@ ViewEvaluation evaluate_measured(const Mesh& result, const EvaluateArguments& ar
                                  remaining = result_of_view.remaining_sigma_factor;
                                  return view;
                                },
-                               [&](std::size_t i) { return scaled(noise_of(i), remaining); }};
+                               [&](std::size_t i) { return noise_of(i).scaled(remaining); }};
   return evaluate_views(result, views, smoothed,
                         {.rays_per_view = arguments.rays,
                          .boundary = {.registration_error_m = found.registration.median_m},

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "command.h"
+#include "io/noise_json.h"
 #include "lapseam/error.h"
 #include "lapseam/io.h"
 #include "lapseam/survey.h"
@@ -20,14 +21,6 @@ struct InfoArguments {
 
 // Two views that share less than this of their samples hardly help each other.
 constexpr double kNotableOverlap = 0.05;
-
-nlohmann::ordered_json noise_to_json(const NoiseModel& noise) {
-  return {{"s0_m", noise.s0_m},
-          {"s1", noise.s1},
-          {"s2_per_m", noise.s2_per_m},
-          {"floor_m", noise.floor_m},
-          {"correlation", noise.correlation}};
-}
 
 nlohmann::ordered_json view_to_json(const ViewSurvey& view) {
   nlohmann::ordered_json out = {{"name", view.name}, {"sensor_id", view.sensor_id}, {"usable", view.is_usable()}};

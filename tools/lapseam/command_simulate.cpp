@@ -34,7 +34,7 @@ struct SimulateArguments {
   double elevation_deg = 20, distance_m = 0;
   std::uint64_t seed = 1;
   // effects
-  double noise_scale = 1, dark_dropout = 0, specular_dropout = 0, exposure_sigma = 0;
+  double noise_scale = 1, pointing_noise_mrad = 0, dark_dropout = 0, specular_dropout = 0, exposure_sigma = 0;
   std::string noise_model, incidence_noise, quantization, grazing, range_limits, pose_error;
   bool has_mixed_pixels = false;
   // output
@@ -166,6 +166,7 @@ SensorEffects make_effects(const SimulateArguments& arguments, const SensorEffec
     // A parabola that dips must not reach zero.
     if (effects.noise.s1 < 0) effects.noise.floor_m = 1e-6;
   }
+  if (arguments.pointing_noise_mrad > 0) effects.noise.pointing_rad = 0.001 * arguments.pointing_noise_mrad;
   if (!arguments.incidence_noise.empty()) {
     const std::vector<double> n = parse_numbers(arguments.incidence_noise, "--incidence-noise", ',', 1, 2);
     effects.incidence_1 = n[0], effects.incidence_2 = n.size() > 1 ? n[1] : 0.0;
@@ -287,6 +288,10 @@ void add_effect_options(CLI::App& command, SimulateArguments& arguments) {
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   command.add_option("--noise-model", arguments.noise_model, "A,B,C: sigma = A + B r + C r^2, metres (the sensor's)");
+  command
+      .add_option("--pointing-noise", arguments.pointing_noise_mrad,
+                  "What rays are off by, mrad: moves ranges by range x tan(incidence) of it (0)")
+      ->check(CLI::NonNegativeNumber);
   command.add_option("--incidence-noise", arguments.incidence_noise,
                      "A,B: sigma times 1 + A t + B t^2, t radians off the normal");
   command.add_option("--quantize", arguments.quantization, "A,B: ranges in steps of A + B r^2 metres");
