@@ -68,4 +68,9 @@ ViewNoise estimate_view_noise(const Scene& scene, const LoadedViews& loaded, Con
   return out;
 }
 
+void drop_unused_intensities(const std::vector<NoiseModel>& noise, std::vector<View>& views) {
+  for (std::size_t i = 0; i < views.size(); ++i)
+    if (noise[i].intensity_power == 0) views[i].intensity = {};
+}
+
 }  // namespace lapseam

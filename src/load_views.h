@@ -46,5 +46,7 @@ struct ViewNoise {
 };
 /// One model per sensor: what the scene says of its first view that says something, else estimated.
 ViewNoise estimate_view_noise(const Scene& scene, const LoadedViews& loaded, Context& context);
+/// Those that the noise of the view does not depend on.
+void drop_unused_intensities(const std::vector<NoiseModel>& noise, std::vector<View>& views);
 
 }  // namespace lapseam

@@ -92,6 +92,7 @@ class Integration {
     noise_ = noise.of_view;
     if (options_.registration) place(loaded);
     views_ = std::move(loaded.views);
+    drop_unused_intensities(noise_, views_);
     source_index_ = std::move(loaded.source_index);
     result_.report.views_left_out = std::move(loaded.left_out);
     for (const auto& [id, sensor] : noise.sensors) {

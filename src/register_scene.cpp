@@ -50,9 +50,11 @@ void write_corrected(const RegisterResult& placed, const ViewNoise& noise, const
     const std::vector<double>& lines = placed.views[i].line_offset_rad;
     if (found == placed.corrections.end() && lines.empty()) return;
     ViewSource& source = scene.views[loaded.source_index[i]];
+    const std::filesystem::path intensity_file = source.range.intensity_file;
     source.range = {};
     source.range.format = RangeFormat::kExr;
     source.range.file = folder / names[loaded.source_index[i]];
+    source.range.intensity_file = intensity_file;
     // Steps of whole disparities are no longer told from surfaces when the noise is estimated anew.
     source.noise = noise.of_view[i];
     if (lines.empty()) {

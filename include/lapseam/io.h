@@ -40,6 +40,7 @@ ColorImage load_color(const ViewSource& source);
 // ---- images
 ColorImage read_color_image(const std::filesystem::path& file);  ///< EXR, PNG, JPEG, by content
 void write_png(const std::filesystem::path& file, const ColorImage& image);
+void write_png8(const std::filesystem::path& file, const Image<std::uint8_t>& image);  ///< greyscale
 void write_png16(const std::filesystem::path& file, const Image<std::uint16_t>& image);
 Image<std::uint16_t> read_png16(const std::filesystem::path& file);
 /// Range image as single-channel float EXR, with our sensor and pose attributes (docs/formats.md), and colour when

@@ -2,7 +2,9 @@
 
 // How far a measured range may be off, along its ray.
 
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <span>
 
 #include "lapseam/image.h"
@@ -25,24 +27,41 @@ struct NoiseModel {
   double floor_m = 0;
   double correlation = 1;
   double pointing_rad = 0;
+  /// Where views have intensities: what the facing sigma is times (intensity_reference / intensity)^intensity_power, by
+  /// no more than kLargestFactor (Wujanz et al. 2017, Intensity-based stochastic models for terrestrial laser
+  /// scanners).
+  double intensity_power = 0, intensity_reference = 128;
+  static constexpr double kLargestFactor = 8;
 
   double sigma(double range_m) const {
     const double s = s0_m + range_m * (s1 + range_m * s2_per_m);
     return s > floor_m ? s : floor_m;
   }
+  /// Of a returned intensity from 0 to 255.
+  double intensity_factor(std::uint8_t intensity) const {
+    if (intensity_power == 0) return 1;
+    const double factor = std::pow(intensity_reference / std::max(1.0, double(intensity)), intensity_power);
+    return std::clamp(factor, 1 / kLargestFactor, kLargestFactor);
+  }
   /// Along the normal, where it and the ray are at an angle with this cosine.
-  double sigma_across(double range_m, double cosine) const {
-    const double facing = cosine * sigma(range_m);
+  double sigma_across(double range_m, double cosine, double factor = 1) const {
+    const double facing = cosine * factor * sigma(range_m);
     if (pointing_rad == 0) return facing;
     return std::sqrt(facing * facing + (1 - cosine * cosine) * squared(pointing_rad * range_m));
   }
   /// Along the ray there, which must not lie in the surface.
-  double sigma(double range_m, double cosine) const { return sigma_across(range_m, cosine) / cosine; }
+  double sigma(double range_m, double cosine, double factor = 1) const {
+    return sigma_across(range_m, cosine, factor) / cosine;
+  }
   /// No smaller than any sigma_across at this range.
-  double largest_across(double range_m) const { return sigma(range_m) + pointing_rad * range_m; }
+  double largest_across(double range_m) const {
+    return (intensity_power == 0 ? 1 : kLargestFactor) * sigma(range_m) + pointing_rad * range_m;
+  }
   /// Of samples that are off by so many times as much.
   NoiseModel scaled(double factor) const {
-    return {factor * s0_m, factor * s1, factor * s2_per_m, factor * floor_m, correlation, factor * pointing_rad};
+    NoiseModel out = *this;
+    for (double* term : {&out.s0_m, &out.s1, &out.s2_per_m, &out.floor_m, &out.pointing_rad}) *term *= factor;
+    return out;
   }
 
  private:

@@ -68,6 +68,11 @@ struct Patch {
   Image<std::uint8_t> incidence;   ///< per sample; cosine between normal and ray · 255, from range smoothed on purpose
 
   Eigen::Vector3f point_in_view(std::size_t pixel) const { return rays->point(pixel, view.range.pixels[pixel]); }
+  /// Of a single measurement, along the normal of the surface, which is at an angle with this cosine to the ray.
+  float sigma_across(std::size_t pixel, float cosine) const {
+    const double factor = view.intensity.pixels.empty() ? 1 : noise.intensity_factor(view.intensity.pixels[pixel]);
+    return float(noise.sigma_across(double(view.range.pixels[pixel]), double(cosine), factor));
+  }
 };
 
 /// Of a single measurement, along the normal of the surface at the sample, metres.

@@ -147,7 +147,9 @@ std::vector<ViewSource> read_trajectory(const std::filesystem::path& file, const
 // ---- measurement
 
 struct SimulatedView {
-  View view;              ///< as measured, at the pose as written
+  /// As measured, at the pose as written; with intensities (reflectance times cosine of the incidence, of 255) where
+  /// the noise depends on them.
+  View view;
   ColorImage color;       ///< empty without a colour camera
   RangeImage true_range;  ///< noiseless, at pixel centres, within the range limits
   Eigen::Isometry3d T_world_view_true = Eigen::Isometry3d::Identity();

@@ -31,6 +31,8 @@ struct RangeSource {
   std::vector<double> invalid_values;        ///< stored values that mean "no sample", beside 0, negative and non-finite
   std::string channel;                       ///< EXR channel; empty: "R"-less search for Z, range, depth, Y
   std::shared_ptr<const RangeImage> memory;  ///< for kMemory
+  /// An image of the intensity that the sensor itself received, pixel for pixel; scans (E57, PTX) have it inside.
+  std::filesystem::path intensity_file;
 };
 
 inline constexpr std::uint32_t kImageOfFile = 0x80000000u;
@@ -90,6 +92,8 @@ struct View {
   RangeImage range;
   Eigen::Isometry3d T_world_view = Eigen::Isometry3d::Identity();
   MissingSamples missing = {};
+  /// As received with each range, 0 to 255 of what the sensor distinguishes; empty where the scene has none.
+  Image<std::uint8_t> intensity = {};
 };
 
 }  // namespace lapseam

@@ -58,6 +58,7 @@ class ManifestWriter : public SceneWriter {
     // Where every pixel has numbers of its own, no manifest can hold the colour camera; the file of the ranges does.
     const ColorImage* inside = holds_color(loaded) ? &*loaded.color : nullptr;
     write_range_exr(range_file(loaded), loaded.view.range, loaded.view.sensor, loaded.view.T_world_view, inside);
+    if (!loaded.view.intensity.pixels.empty()) write_png8(intensity_file(loaded), loaded.view.intensity);
     if (!loaded.color || inside) return;
     make_folder(folder_ / "color");
     const std::string name = write_color(loaded, folder_ / "color", loaded.file_stem);
@@ -72,6 +73,7 @@ class ManifestWriter : public SceneWriter {
     view.range = RangeSource{};
     view.range.format = RangeFormat::kExr;
     view.range.file = range_file(loaded);
+    if (!loaded.view.intensity.pixels.empty()) view.range.intensity_file = intensity_file(loaded);
     view.range.quantity = is_spherical ? RangeQuantity::kDistance : RangeQuantity::kZ;
     if (loaded.color) {
       view.color->file =
@@ -87,6 +89,10 @@ class ManifestWriter : public SceneWriter {
 
  private:
   fs::path range_file(const LoadedView& loaded) const { return folder_ / "range" / (loaded.file_stem + ".exr"); }
+
+  fs::path intensity_file(const LoadedView& loaded) const {
+    return folder_ / "range" / (loaded.file_stem + "-intensity.png");
+  }
 
   static bool holds_color(const LoadedView& loaded) {
     const auto* spherical = std::get_if<SphericalSensor>(&loaded.view.sensor);

@@ -9,9 +9,10 @@
 namespace lapseam {
 namespace {
 
-std::vector<GridSample> collect(const GridScan& scan, std::vector<Rgb8>* colors, MissingSamples* missing) {
+std::vector<GridSample> collect(const GridScan& scan, ScanChannel channel, std::vector<Rgb8>* colors,
+                                MissingSamples* missing) {
   std::vector<GridSample> samples;
-  const MissingSamples counted = scan.visit(colors != nullptr, [&](const GridSample& sample, Rgb8 color) {
+  const MissingSamples counted = scan.visit(channel, [&](const GridSample& sample, Rgb8 color) {
     samples.push_back(sample);
     if (colors) colors->push_back(color);
   });
@@ -20,14 +21,14 @@ std::vector<GridSample> collect(const GridScan& scan, std::vector<Rgb8>* colors,
 }
 
 /// The scan's samples with a pixel each, whether the file gives them one or not.
-void visit_pixels(const Source& source, const GridScan& scan, bool with_color, MissingSamples& missing,
+void visit_pixels(const Source& source, const GridScan& scan, ScanChannel channel, MissingSamples& missing,
                   const GridScan::Visit& visit) {
   if (scan.size()) {
-    missing = scan.visit(with_color, visit);
+    missing = scan.visit(channel, visit);
     return;
   }
   std::vector<Rgb8> colors;
-  std::vector<GridSample> samples = collect(scan, &colors, &missing);
+  std::vector<GridSample> samples = collect(scan, channel, &colors, &missing);
   make_polar_grid(source, samples);
   for (std::size_t i = 0; i < samples.size(); ++i)
     samples[i].u >= 0 ? visit(samples[i], colors[i]) : void(++missing.surplus);
@@ -42,14 +43,14 @@ Sensor find_sensor(const Source& source, const GridScan& scan, Context& context)
   // Without a place to look from, points have no directions.
   if (!scan.T_world_scan())
     source.refuse("points", "have neither rows and columns nor a pose: nothing says how they were scanned");
-  std::vector<GridSample> samples = collect(scan, nullptr, nullptr);
+  std::vector<GridSample> samples = collect(scan, ScanChannel::kNone, nullptr, nullptr);
   return make_polar_grid(source, samples);
 }
 
 }  // namespace
 
 void GridScan::visit_piece(std::size_t, const VisitSample& visit) const {
-  this->visit(false, [&](const GridSample& sample, Rgb8) { visit(sample); });
+  this->visit(ScanChannel::kNone, [&](const GridSample& sample, Rgb8) { visit(sample); });
 }
 
 std::unique_ptr<GridScan> open_scan(const Source& source, RangeFormat format, std::uint32_t index, std::uint64_t offset,
@@ -95,12 +96,15 @@ void load_scan(const Source& source, const GridScan& scan, const std::optional<S
     view.sensor = find_sensor(source, scan, context);
   }
   view.range = RangeImage(width(view.sensor), height(view.sensor), kInvalidRange);
+  if (scan.has_intensity()) view.intensity = Image<std::uint8_t>(view.range.width, view.range.height, 0);
+  const ScanChannel channel = scan.has_intensity() ? ScanChannel::kIntensity : ScanChannel::kNone;
   std::uint64_t samples = 0;
-  visit_pixels(source, scan, false, view.missing, [&](const GridSample& sample, Rgb8) {
+  visit_pixels(source, scan, channel, view.missing, [&](const GridSample& sample, Rgb8 intensity) {
     if (sample.u >= view.range.width || sample.v >= view.range.height)
       source.refuse("points", "the file has changed while it was read");
     float& r = view.range.at(sample.u, sample.v);
     r = range_of(view.sensor, sample);
+    if (!view.intensity.pixels.empty()) view.intensity.at(sample.u, sample.v) = intensity.r;
     r > 0 ? ++samples : ++view.missing.negative;
   });
   const MissingSamples& m = view.missing;
@@ -112,7 +116,7 @@ ColorImage load_scan_color(const Source& source, const GridScan& scan, const Sen
   if (!scan.has_color()) source.refuse("color", "the scan has no colours");
   ColorImage image(width(camera), height(camera));
   MissingSamples ignored;
-  visit_pixels(source, scan, true, ignored, [&](const GridSample& sample, Rgb8 color) {
+  visit_pixels(source, scan, ScanChannel::kColor, ignored, [&](const GridSample& sample, Rgb8 color) {
     if (sample.u < image.width && sample.v < image.height) image.at(sample.u, sample.v) = color;
   });
   return image;

@@ -124,6 +124,20 @@ void load_grid(const Source& source, const RangeSource& range, View& view) {
   }
 }
 
+void read_intensity(const ViewSource& view_source, View& view) {
+  const std::filesystem::path& file = view_source.range.intensity_file;
+  if (file.empty()) return;
+  const Source source{file, view_source.name};
+  const ColorImage image = read_color(source, 0);
+  const ImageSize image_size{image.width, image.height}, range_size{view.range.width, view.range.height};
+  if (image_size != range_size)
+    source.refuse("range.intensity",
+                  "the image is " + to_string(image_size) + ", the range image " + to_string(range_size));
+  view.intensity = Image<std::uint8_t>(image.width, image.height);
+  std::transform(image.pixels.begin(), image.pixels.end(), view.intensity.pixels.begin(),
+                 [](const Rgb8& c) { return std::uint8_t((int(c.r) + int(c.g) + int(c.b)) / 3); });
+}
+
 ColorImage read_color_source(const Source& source, const ViewSource& view) {
   const ColorSource& color = *view.color;
   if (view.range.format == RangeFormat::kSens && color.file == view.range.file)
@@ -167,6 +181,7 @@ View load_view(const ViewSource& view_source) {
   const bool has_sample =
       std::any_of(view.range.pixels.begin(), view.range.pixels.end(), [](float r) { return r > 0; });
   if (!has_sample) source.refuse("range", "the range image has no valid sample");
+  read_intensity(view_source, view);
   return view;
 }
 

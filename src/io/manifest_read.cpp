@@ -24,15 +24,18 @@ struct SensorEntry {
 using SensorTable = std::map<std::string, SensorEntry>;
 
 NoiseModel read_noise(const json& value, const Source& source, const std::string& path) {
-  const JsonObject object(value, source, path, {"s0_m", "s1", "s2_per_m", "floor_m", "correlation", "pointing_rad"});
+  const JsonObject object(
+      value, source, path,
+      {"s0_m", "s1", "s2_per_m", "floor_m", "correlation", "pointing_rad", "intensity_power", "intensity_reference"});
   const auto not_negative = [&](const char* key) {
     const double number = object.number_or(key, 0);
     if (number < 0) object.refuse(key, "must not be negative");
     return number;
   };
-  const NoiseModel noise{not_negative("s0_m"), object.number_or("s1", 0), not_negative("s2_per_m"),
-                         not_negative("floor_m"), object.number_or("correlation", 1),
-                         not_negative("pointing_rad")};
+  NoiseModel noise{not_negative("s0_m"),    object.number_or("s1", 0),          not_negative("s2_per_m"),
+                   not_negative("floor_m"), object.number_or("correlation", 1), not_negative("pointing_rad")};
+  noise.intensity_power = not_negative("intensity_power");
+  if (object.has("intensity_reference")) noise.intensity_reference = object.positive("intensity_reference");
   if (!(noise.correlation >= 1)) object.refuse("correlation", "must be at least 1");
   // A parabola about a best range falls at first.
   if (noise.s1 < 0 && noise.floor_m <= 0) object.refuse("s1", "may be negative only with a floor_m");
@@ -191,7 +194,8 @@ std::uint32_t read_index(const JsonObject& object) {
 }
 
 void read_range(const Manifest& manifest, const json& value, const Source& source, ViewDraft& draft) {
-  const JsonObject object(value, source, "range", {"file", "index", "quantity", "scale_m", "invalid", "channel"});
+  const JsonObject object(value, source, "range",
+                          {"file", "index", "quantity", "scale_m", "invalid", "channel", "intensity"});
   RangeSource& range = draft.view.range;
   range.file = manifest.resolve(object.text("file"));
   if (object.has("index")) range.index = read_index(object);
@@ -201,6 +205,7 @@ void read_range(const Manifest& manifest, const json& value, const Source& sourc
   if (draft.has_scale) range.scale_m = object.positive("scale_m");
   if (object.has("invalid")) range.invalid_values = object.numbers("invalid");
   if (object.has("channel")) range.channel = object.text("channel");
+  if (object.has("intensity")) range.intensity_file = manifest.resolve(object.text("intensity"));
 }
 
 ColorSource read_color(const Manifest& manifest, const json& value, const Source& source, const ViewSource& view) {

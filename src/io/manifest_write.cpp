@@ -209,6 +209,7 @@ class Writer {
     object["scale_m"] = range.scale_m;
     if (!range.invalid_values.empty()) object["invalid"] = range.invalid_values;
     if (!range.channel.empty()) object["channel"] = range.channel;
+    if (!range.intensity_file.empty()) object["intensity"] = store(range.intensity_file);
     return object;
   }
 

@@ -14,7 +14,9 @@ inline nlohmann::ordered_json noise_to_json(const NoiseModel& noise) {
           {"s2_per_m", noise.s2_per_m},
           {"floor_m", noise.floor_m},
           {"correlation", noise.correlation},
-          {"pointing_rad", noise.pointing_rad}};
+          {"pointing_rad", noise.pointing_rad},
+          {"intensity_power", noise.intensity_power},
+          {"intensity_reference", noise.intensity_reference}};
 }
 
 }  // namespace lapseam

@@ -212,7 +212,7 @@ class PcdScan : public GridScan {
   std::optional<Eigen::Isometry3d> T_world_scan() const override { return header_.viewpoint; }
   bool has_color() const override { return rgb_ >= 0; }
 
-  MissingSamples visit(bool, const Visit& visit) const override {
+  MissingSamples visit(ScanChannel, const Visit& visit) const override {
     const Field* axes[3];
     for (std::size_t axis = 0; axis < 3; ++axis)
       axes[axis] = &header_.fields[std::size_t(header_.find(std::array{"x", "y", "z"}[axis]))];

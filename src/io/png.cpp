@@ -133,6 +133,11 @@ void write_png(const std::filesystem::path& file, const ColorImage& image) {
 
 std::vector<char> encode_png(const ColorImage& image) { return encode_color("page", image); }
 
+void write_png8(const std::filesystem::path& file, const Image<std::uint8_t>& image) {
+  write_bytes(
+      file, encode(file, {image.width, image.height}, SPNG_COLOR_TYPE_GRAYSCALE, 8, image.pixels.data(), image.size()));
+}
+
 void write_png16(const std::filesystem::path& file, const Image<std::uint16_t>& image) {
   write_bytes(file, encode(file, {image.width, image.height}, SPNG_COLOR_TYPE_GRAYSCALE, 16, image.pixels.data(),
                            image.size() * sizeof(std::uint16_t)));

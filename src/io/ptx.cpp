@@ -79,15 +79,16 @@ class PtxScan : public GridScan {
   std::optional<ImageSize> size() const override { return header_.size; }
   std::optional<Eigen::Isometry3d> T_world_scan() const override { return header_.T_world_scan; }
   bool has_color() const override { return true; }  // the intensity is one
+  bool has_intensity() const override { return true; }
   std::uint64_t body_offset() const { return body_offset_; }
 
-  MissingSamples visit(bool, const Visit& visit) const override {
+  MissingSamples visit(ScanChannel channel, const Visit& visit) const override {
     LineReader lines(source_, body_offset_);
     MissingSamples missing;
     GridSample sample;
     for (sample.u = 0; sample.u < header_.size.width; ++sample.u) {
       for (sample.v = header_.size.height - 1; sample.v >= 0; --sample.v) {
-        const Rgb8 color = read_sample(lines, sample.stored);
+        const Rgb8 color = read_sample(lines, channel, sample.stored);
         if (!sample.stored.allFinite())
           ++missing.not_finite;
         else if (sample.stored.isZero(0))
@@ -100,7 +101,7 @@ class PtxScan : public GridScan {
   }
 
  private:
-  Rgb8 read_sample(LineReader& lines, Eigen::Vector3d& point_m) const {
+  Rgb8 read_sample(LineReader& lines, ScanChannel channel, Eigen::Vector3d& point_m) const {
     std::string_view line;
     if (!lines.next(line)) source_.refuse("points", "the file is truncated");
     std::array<double, 7> numbers;
@@ -112,7 +113,8 @@ class PtxScan : public GridScan {
     }
     if (count != 4 && count != 7) refuse_sample(lines);
     point_m = {numbers[0], numbers[1], numbers[2]};
-    if (count == 7) return {to_shade(numbers[4]), to_shade(numbers[5]), to_shade(numbers[6])};
+    if (count == 7 && channel != ScanChannel::kIntensity)
+      return {to_shade(numbers[4]), to_shade(numbers[5]), to_shade(numbers[6])};
     const std::uint8_t gray = to_shade(numbers[3] * 255);
     return {gray, gray, gray};
   }

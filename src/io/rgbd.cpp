@@ -38,8 +38,7 @@ PinholeSensor resized(const PinholeSensor& sensor, ImageSize size) {
 ColorSource registered_color(const Source& source, const PinholeSensor& depth_camera) {
   ColorSource color;
   color.file = source.file;
-  if (is_there(source.file) && !is_regular(source.file))
-    source.refuse("color", "this is no regular file");
+  if (is_there(source.file) && !is_regular(source.file)) source.refuse("color", "this is no regular file");
   const ImageSize size = probe_color_size(source);
   const bool is_same = size == ImageSize{depth_camera.width, depth_camera.height};
   color.camera = is_same ? depth_camera : resized(depth_camera, size);

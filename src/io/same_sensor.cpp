@@ -38,7 +38,8 @@ bool is_same_sensor(const Sensor& a, const Sensor& b) {
 
 bool is_same_noise(const NoiseModel& a, const NoiseModel& b) {
   return a.s0_m == b.s0_m && a.s1 == b.s1 && a.s2_per_m == b.s2_per_m && a.floor_m == b.floor_m &&
-         a.correlation == b.correlation && a.pointing_rad == b.pointing_rad;
+         a.correlation == b.correlation && a.pointing_rad == b.pointing_rad && a.intensity_power == b.intensity_power &&
+         a.intensity_reference == b.intensity_reference;
 }
 
 }  // namespace lapseam

@@ -87,6 +87,7 @@ void complete_range(ViewDraft& draft, Context& context) {
   RangeSource& range = draft.view.range;
   const Source source{range.file, draft.view.name};
   check_exists(source, "range.file");
+  if (!range.intensity_file.empty()) check_exists({range.intensity_file, draft.view.name}, "range.intensity");
   switch (const FileKind kind = recognise_file(range.file)) {
     case FileKind::kPng:
       range.format = RangeFormat::kPng16;

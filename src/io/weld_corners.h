@@ -19,7 +19,8 @@ struct WeldedPage {
   std::vector<std::uint32_t> indices;      ///< three welded vertices a triangle, in the mesh's order of triangles
 };
 
-/// Ordered by page, untextured last, of these those that no image shows last (all, where the mesh does not say); pages without triangles are left out. Welded vertices are in order of first use.
+/// Ordered by page, untextured last, of these those that no image shows last (all, where the mesh does not say); pages
+/// without triangles are left out. Welded vertices are in order of first use.
 std::vector<WeldedPage> weld_corners(const Mesh& mesh);
 
 }  // namespace lapseam

@@ -7,8 +7,8 @@
 #include "lapseam/error.h"
 #include "lapseam/noise.h"
 #include "lapseam/noise_measurement.h"
+#include "noise/conditions.h"
 #include "noise/fit_noise.h"
-#include "noise/fit_pointing.h"
 #include "noise/robust_sigma.h"
 #include "noise/roughness.h"
 
@@ -31,7 +31,7 @@ constexpr double kMostCorrelated = 4;
 // A float holds a value to half a unit in the last of 24 bits.
 constexpr double kFloatStep = 1.0 / (1 << 24);
 
-constexpr int kIncidencePasses = 6;
+constexpr int kConditionPasses = 6;
 
 // Without enough samples next to one another, half a percent of the range: between a good and a bad depth camera.
 constexpr double kUnknownNoise = 0.005;
@@ -138,17 +138,19 @@ NoiseMeasurement measure_noise(std::span<const View* const> views, Context& cont
   if (samples.roughness.size() >= kFewestInAll) {
     found = make_bins(samples.roughness, samples.ranges);
     if (!found.bins.empty()) noise = fit_noise(found.bins);
-    // What incidence makes worse is taken out of the residuals, and the rest looked at again.
-    for (int pass = 0; pass < kIncidencePasses && !found.bins.empty(); ++pass) {
-      const double pointing_rad = fit_pointing(samples.roughness, noise);
-      if (pointing_rad == 0) break;
-      noise.pointing_rad = pointing_rad;
-      std::vector<Roughness> facing;
-      for (const Roughness& r : samples.roughness)
-        if (r.slope_m >= 0) facing.push_back({r.range, r.residual_m * facing_share(noise, r), r.slope_m});
-      found = make_bins(facing, samples.ranges);
+    // What incidence and intensity make worse is taken out of the residuals, and the rest looked at again.
+    for (int pass = 0; pass < kConditionPasses && !found.bins.empty(); ++pass) {
+      noise.pointing_rad = fit_pointing(samples.roughness, noise);
+      fit_intensity(samples.roughness, noise);
+      if (noise.pointing_rad == 0 && noise.intensity_power == 0) break;
+      std::vector<Roughness> rest = without_conditions(samples.roughness, noise);
+      if (rest.size() < kFewestInAll) break;
+      const NoiseModel conditions = noise;
+      found = make_bins(rest, samples.ranges);
       noise = fit_noise(found.bins);
-      noise.pointing_rad = pointing_rad;
+      noise.pointing_rad = conditions.pointing_rad;
+      noise.intensity_power = conditions.intensity_power;
+      noise.intensity_reference = conditions.intensity_reference;
     }
   }
   const double step = step_between(samples.ranges, samples.ranges.front(), samples.ranges.back(), 0.1);

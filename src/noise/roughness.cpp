@@ -38,8 +38,9 @@ Eigen::Vector3d ray_slope(const MeasuredGridSensor& s, double u, double v, doubl
 template <typename S>
 class Tile {
  public:
-  Tile(const S& sensor, const RangeImage& range, int u0, int v0)
+  Tile(const S& sensor, const RangeImage& range, const Image<std::uint8_t>& intensity, int u0, int v0)
       : sensor_(sensor),
+        intensity_(intensity),
         u0_(u0),
         v0_(v0),
         width_(std::min(kTile_px, range.width)),
@@ -63,7 +64,7 @@ class Tile {
         // Surfaces that bend evenly are off by the same amount here and next to here.
         const float twice =
             once_[i] - 0.25f * (once_[i - 1] + once_[i + 1] + once_[i - kTile_px] + once_[i + kTile_px]);
-        if (std::isfinite(twice)) out.push_back({range_[i], twice / kGain, -1});
+        if (std::isfinite(twice)) out.push_back({range_[i], twice / kGain, -1, intensity_at(x, y)});
       }
     const float slope_m = slope_of_plane(std::span(out).subspan(first));
     for (std::size_t i = first; i < out.size(); ++i) out[i].slope_m = slope_m;
@@ -71,6 +72,10 @@ class Tile {
 
  private:
   static std::size_t index(int x, int y) { return std::size_t(y) * kTile_px + std::size_t(x); }
+
+  std::uint8_t intensity_at(int x, int y) const {
+    return intensity_.pixels.empty() ? std::uint8_t(0) : intensity_.at(u0_ + x, v0_ + y);
+  }
 
   // How far the sample lies, along its ray, behind the plane through its four neighbours.
   float off_the_plane(int x, int y) const {
@@ -121,6 +126,7 @@ class Tile {
   }
 
   const S& sensor_;
+  const Image<std::uint8_t>& intensity_;
   int u0_, v0_;
   int width_, height_;
   std::array<float, kTile_px * kTile_px> range_;
@@ -143,7 +149,7 @@ std::vector<Roughness> measure_roughness(const View& view, int tiles) {
           for (int i = 0; i < across; ++i) {
             const int u0 = across > 1 ? int(std::int64_t(free_u) * i / (across - 1)) : free_u / 2;
             const int v0 = down > 1 ? int(std::int64_t(free_v) * j / (down - 1)) : free_v / 2;
-            Tile(sensor, view.range, u0, v0).append_to(out);
+            Tile(sensor, view.range, view.intensity, u0, v0).append_to(out);
           }
       },
       view.sensor);

@@ -2,6 +2,7 @@
 
 // How rough range images are, from sample to sample.
 
+#include <cstdint>
 #include <vector>
 
 #include "lapseam/view.h"
@@ -16,6 +17,7 @@ struct Roughness {
   /// Of the plane that the tile shows: how far the range changes along it, times range: range · tan(incidence). Below 0
   /// where the tile shows none.
   float slope_m;
+  std::uint8_t intensity;  ///< 0 where the view has none
 };
 
 /// From up to `tiles` tiles, spread evenly over the image. Zero on planes, whatever the sensor, and nearly so on smooth

@@ -103,9 +103,8 @@ float largest_tolerance(const Judge& judge, const Eigen::Vector3f& center, const
 // what the sample may be off by.
 float shift_unit_m(const Patch& patch, std::size_t pixel, double registration_error_m) {
   constexpr double kUnits = 4000;
-  const double cosine = std::max(double(kLowestCosine), patch.incidence.pixels[pixel] / 255.0);
-  const double sigma = patch.noise.sigma(double(patch.view.range.pixels[pixel]), cosine);
-  return float(std::hypot(sigma, registration_error_m) / kUnits);
+  const float cosine = std::max(kLowestCosine, float(patch.incidence.pixels[pixel]) / 255);
+  return float(std::hypot(double(patch.sigma_across(pixel, cosine) / cosine), registration_error_m) / kUnits);
 }
 
 // Judges the samples of one tile of one view.
@@ -315,7 +314,7 @@ class TileClaims {
     const std::uint8_t other_confidence = other.confidence.pixels[pixel];
     if (!(other_confidence > 0)) return;
     const float cosine = std::max(kLowestCosine, float(other.incidence.pixels[pixel]) / 255);
-    const auto own = float(other.noise.sigma_across(double(measured), double(cosine)));
+    const float own = other.sigma_across(pixel, cosine);
     const float variance = own * own + sample.error_m * sample.error_m;
     const float along_normal = float(options_.noise_factor) * std::sqrt(variance) + registration;
     // The sample may lie up to half a pixel from the other view's: the surface's slope makes a difference of that.
@@ -363,7 +362,7 @@ class TileClaims {
         if (!(other.confidence.pixels[pixel] > 0)) return false;
         const float cosine = std::max(kLowestCosine, float(other.incidence.pixels[pixel]) / 255);
         const float measured = other.view.range.pixels[pixel];
-        if (measured - r < clearance_m / cosine + kClearanceFactor * float(other.noise.sigma(measured, cosine)))
+        if (measured - r < clearance_m / cosine + kClearanceFactor * other.sigma_across(pixel, cosine) / cosine)
           return false;
       }
     return true;

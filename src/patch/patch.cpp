@@ -72,7 +72,7 @@ std::size_t PatchGrid::triangle_count() const {
 
 float expected_error_m(const Patch& patch, std::size_t pixel) {
   const float cosine = std::max(kLowestCosine, float(patch.incidence.pixels[pixel]) / 255);
-  return float(patch.noise.sigma_across(double(patch.view.range.pixels[pixel]), double(cosine)));
+  return patch.sigma_across(pixel, cosine);
 }
 
 std::vector<float> expected_errors(const Mesh& mesh, std::span<const Patch> patches) {

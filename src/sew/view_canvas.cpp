@@ -59,7 +59,7 @@ Eigen::Vector3f ViewCanvas::direction(float u, float v) const {
 
 float ViewCanvas::tolerance(std::size_t pixel, float error_m) const {
   const float cosine = float(patch_.incidence.pixels[pixel]) / 255;
-  const auto own = float(patch_.noise.sigma_across(double(patch_.view.range.pixels[pixel]), double(cosine)));
+  const float own = patch_.sigma_across(pixel, cosine);
   const float along_normal = float(options_.noise_factor) * std::sqrt(own * own + error_m * error_m) +
                              kRegistrationFactor * float(options_.registration_error_m);
   return along_normal / std::max(cosine, kLowestCosine);

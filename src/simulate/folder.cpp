@@ -97,6 +97,10 @@ class FolderWriter {
     } else {
       write_range_exr(view.range.file, simulated.view.range, *view.sensor, view.T_world_view);
     }
+    if (const Image<std::uint8_t>& intensity = simulated.view.intensity; !intensity.pixels.empty()) {
+      view.range.intensity_file = folder_ / "range" / (view.name + "-intensity.png");
+      write_png8(view.range.intensity_file, intensity);
+    }
     if (view.color) {
       view.color->file = folder_ / "color" / (view.name + ".png");
       write_png(view.color->file, simulated.color);

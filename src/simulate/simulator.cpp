@@ -74,14 +74,29 @@ class RangeMeasurement {
     }
     const double angle = std::acos(std::min(cosine, 1.0));
     const double factor = 1 + angle * (effects_.incidence_1 + angle * effects_.incidence_2);
-    const double sigma = effects_.noise.sigma(r, std::max(cosine, kMostGrazing)) * factor;
+    const double sigma =
+        effects_.noise.sigma(r, std::max(cosine, kMostGrazing), effects_.noise.intensity_factor(intensity(u, v))) *
+        factor;
     if (sigma > 0) r += sigma * CounterRng(seed_, Stream::kNoise, view_, pixel(u, v)).gaussian(0);
     const double step = effects_.quantization_m + effects_.quantization_2_per_m * r * r;
     if (step > 0) r = step * std::round(r / step);
     return r > 0 && is_in_limits(r) ? float(r) : kInvalidRange;
   }
 
+  /// Of the light that comes back, as a share of 255.
+  std::uint8_t intensity(int u, int v) const {
+    const Hit& hit = image_.hits.at(u, v);
+    if (effects_.noise.intensity_power == 0 || !hit) return 0;
+    const Ray ray = ray_of_(u, v);
+    const double cosine = std::abs(caster_.incidence_cosine(hit.triangle, ray));
+    return std::uint8_t(std::clamp(std::lround(255 * cosine * reflectance(hit, ray)), 1l, 255l));
+  }
+
  private:
+  double reflectance(const Hit& hit, const Ray& ray) const {
+    const Vector3f albedo = caster_.albedo_at(hit, ray.origin + double(hit.range) * ray.direction);
+    return double(albedo.dot(Vector3f(0.2126f, 0.7152f, 0.0722f)));
+  }
   std::uint64_t pixel(int u, int v) const { return image_.hits.index(u, v); }
   static constexpr double kMostGrazing = 0.02;  // no ray of a sensor lies in a surface
   bool is_in_limits(double r) const { return r >= effects_.min_range_m && r <= effects_.max_range_m; }
@@ -94,8 +109,7 @@ class RangeMeasurement {
     const CounterRng rng(seed_, Stream::kDropout, view_, pixel(u, v));
     if (cosine < effects_.grazing_cosine && rng.uniform(kGrazing) < effects_.grazing_dropout) return true;
     if (effects_.dark_dropout > 0 && rng.uniform(kDark) < effects_.dark_dropout) {
-      const Vector3f reflectance = caster_.albedo_at(hit, ray.origin + double(hit.range) * ray.direction);
-      if (reflectance.dot(Vector3f(0.2126f, 0.7152f, 0.0722f)) < 0.04f) return true;
+      if (reflectance(hit, ray) < 0.04) return true;
     }
     constexpr double kCosineOf20Degrees = 0.93969262;
     const std::uint32_t m = caster_.material(hit.triangle);
@@ -251,6 +265,7 @@ SimulatedView simulate_view(const RayCaster& caster, std::uint64_t seed, const V
   out.view = {planned.name, planned.sensor_id, sensor, RangeImage(width(sensor), height(sensor)),
               with_error(planned.T_world_view, effects, CounterRng(seed, Stream::kPose, view_index))};
   out.true_range = RangeImage(width(sensor), height(sensor));
+  if (effects.noise.intensity_power > 0) out.view.intensity = Image<std::uint8_t>(width(sensor), height(sensor), 0);
   if (effects.exposure_sigma > 0)
     out.exposure_gain = std::exp(effects.exposure_sigma * CounterRng(seed, Stream::kExposure, view_index).gaussian(0));
 
@@ -262,6 +277,7 @@ SimulatedView simulate_view(const RayCaster& caster, std::uint64_t seed, const V
     for (int u = 0; u < out.true_range.width; ++u) {
       out.true_range.at(u, v) = measurement.true_range(u, v);
       out.view.range.at(u, v) = measurement.measured_range(u, v);
+      if (!out.view.intensity.pixels.empty()) out.view.intensity.at(u, v) = measurement.intensity(u, v);
     }
   });
   if (!planned.color) return out;

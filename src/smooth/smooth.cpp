@@ -135,6 +135,7 @@ class Smoother {
       const float r = view.range.pixels[i];
       if (!(r > 0)) continue;
       auto s = float(noise.sigma(double(r)));
+      if (!view.intensity.pixels.empty()) s *= float(noise.intensity_factor(view.intensity.pixels[i]));
       if (guide) s = std::hypot(s, float(noise.pointing_rad) * slope_at(*guide, i, spacing));
       const float sigma = is_central_ ? s / (r * r) : s;
       value_[i] = is_central_ ? 1.0f / r : r;

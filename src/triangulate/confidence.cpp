@@ -230,7 +230,7 @@ void measure_confidence(Patch& patch, const StepThreshold& threshold, Context& c
       if (i == kInvalidIndex) continue;
       const auto r = double(patch.view.range.pixels[i]);
       const float cosine = blocks.cosine(x, y), believed = std::max(kLowestCosine, cosine);
-      const double noise_m = patch.noise.sigma(r, double(believed));
+      const double noise_m = double(patch.sigma_across(i, believed) / believed);
       const auto error = float(std::hypot(noise_m, kSpacingShare * threshold.spacing(r)));
       const float ramp = kBorderShare + (1.0f - kBorderShare) * float(border[i]) / float(kBorderRamp_px);
       // Never 0 for a sample in use: any measurement beats none.

@@ -170,6 +170,8 @@ TEST(E57, FieldsOfAllKinds) {
   EXPECT_EQ(view.missing.absent, 1u);
   // Intensity 300 of 1023 is a grey.
   EXPECT_EQ(load_color(scene.views[0]).at(3, 0), (Rgb8{75, 75, 75}));
+  EXPECT_EQ(view.intensity.at(3, 0), 75);
+  EXPECT_EQ(view.intensity.at(0, 5), 0);  // flagged: no sample
 }
 
 TEST(E57, NumbersOfAnyWidthAreUnpackedAcrossBytes) {

@@ -45,6 +45,19 @@ TEST(Ptx, SeveralScansAndIntensityWithoutColour) {
   EXPECT_GT(ray_direction(first.sensor, 0, 0).z(), ray_direction(first.sensor, 0, 8).z());
   EXPECT_EQ(load_color(scene.views[0]).at(0, 0), (Rgb8{64, 64, 64}));
   EXPECT_EQ(load_color(scene.views[1]).at(3, 3), (Rgb8{10, 20, 30}));
+  // Beside colours as well as in their place.
+  EXPECT_EQ(first.intensity.at(0, 0), 64);
+  EXPECT_EQ(second.intensity.at(3, 3), 64);
+}
+
+TEST(Ptx, IntensitiesComeAlongIntoAFolder) {
+  const TempFolder folder;
+  Context context(1);
+  write_bytes(folder / "a.ptx", scan(8, 7, true));
+  const Scene scene = read_scene(folder / "a.ptx", {}, context);
+  for (int times = 0; times < 2; ++times) convert_scene(scene, folder / "out", {}, context);
+  const Scene back = read_scene(folder / "out", {}, context);
+  EXPECT_EQ(load_view(back.views[0]).intensity.pixels, load_view(scene.views[0]).intensity.pixels);
 }
 
 TEST(Ptx, AManifestNamesAScanOfTheFile) {

@@ -31,6 +31,21 @@ TEST(LoadView, ScalesAndLeavesOutInvalidValues) {
   EXPECT_EQ(view.range.pixels, (Pixels<float>{0.0f, 1.234f, 0.0f, 0.007f}));
 }
 
+TEST(LoadView, IntensitiesOfTheirOwnFile) {
+  const TempFolder folder;
+  write_png16(folder / "a.png", Image<std::uint16_t>(4, 2, 1000));
+  Image<std::uint8_t> intensity(4, 2, 7);
+  intensity.at(3, 1) = 250;
+  write_png8(folder / "i.png", intensity);
+  write_png8(folder / "small.png", Image<std::uint8_t>(3, 2, 7));
+  ViewSource source = png_view(folder / "a.png", 4, 2);
+  EXPECT_TRUE(load_view(source).intensity.pixels.empty());
+  source.range.intensity_file = folder / "i.png";
+  EXPECT_EQ(load_view(source).intensity.pixels, intensity.pixels);
+  source.range.intensity_file = folder / "small.png";
+  expect_refused([&] { load_view(source); }, {"small.png", "'front'", "range.intensity", "3 x 2", "4 x 2"});
+}
+
 TEST(LoadView, NoSampleIsEverNegativeOrNotFinite) {
   auto range = std::make_shared<RangeImage>(6, 1);
   range->pixels = {-1.0f, kNan, kInfinity, 2.0f, 1e-44f, 3e38f};

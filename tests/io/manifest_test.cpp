@@ -27,8 +27,9 @@ constexpr const char* kManifest = R"({
      "color": {"file": "left.png", "camera": "rgb", "T_view_color": [[1, 0, 0, 0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}},
     {"name": "right", "sensor": "tof",
      "T_world_view": [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
-     "range": {"file": "depth/right.png", "quantity": "distance", "scale_m": 0.0002},
-     "noise": {"floor_m": 0.003, "correlation": 2.5, "pointing_rad": 0.0004}}
+     "range": {"file": "depth/right.png", "quantity": "distance", "scale_m": 0.0002, "intensity": "depth/bright.png"},
+     "noise": {"floor_m": 0.003, "correlation": 2.5, "pointing_rad": 0.0004, "intensity_power": 0.5,
+               "intensity_reference": 90}}
   ]
 })";
 
@@ -39,6 +40,7 @@ class Manifest : public testing::Test {
     write_png16(folder / "depth/left.png", Image<std::uint16_t>(8, 6, 2000));
     write_png16(folder / "depth/right.png", Image<std::uint16_t>(8, 6, 5000));
     write_png(folder / "left.png", make_color(16, 12));
+    write_png8(folder / "depth/bright.png", Image<std::uint8_t>(8, 6, 200));
   }
 
   Scene read(const std::string& text, const ReadSceneOptions& options = {}) {
@@ -89,6 +91,10 @@ TEST_F(Manifest, SaysWhatItSays) {
   EXPECT_EQ(right.noise->floor_m, 0.003);
   EXPECT_EQ(right.noise->correlation, 2.5);
   EXPECT_EQ(right.noise->pointing_rad, 0.0004);
+  EXPECT_EQ(right.noise->intensity_power, 0.5);
+  EXPECT_EQ(right.noise->intensity_reference, 90);
+  EXPECT_EQ(load_view(right).intensity.at(0, 0), 200);
+  EXPECT_EQ(left.noise->intensity_power, 0);
   EXPECT_EQ(right.noise->s0_m, 0);
   EXPECT_FALSE(right.color);
 }
@@ -108,6 +114,8 @@ TEST_F(Manifest, WhatIsWrittenReadsBackTheSame) {
     EXPECT_EQ(a.range.quantity, b.range.quantity);
     EXPECT_EQ(a.range.scale_m, b.range.scale_m);
     EXPECT_EQ(a.range.invalid_values, b.range.invalid_values);
+    EXPECT_EQ(std::filesystem::weakly_canonical(a.range.intensity_file),
+              std::filesystem::weakly_canonical(b.range.intensity_file));
     EXPECT_TRUE(is_same_noise(*a.noise, *b.noise));
     ASSERT_EQ(a.color.has_value(), b.color.has_value());
     if (!a.color) continue;
@@ -199,11 +207,17 @@ TEST_F(Manifest, MissingKeysAndWrongTypes) {
                         {"none.png", "'left'", "color.file", "no such file"});
   expect_change_refused("depth/right.png", "depth/none.png",
                         {"depth/none.png", "'right'", "range.file", "no such file"});
+  expect_change_refused("depth/bright.png", "depth/none.png",
+                        {"depth/none.png", "'right'", "range.intensity", "no such file"});
   expect_change_refused("depth/right.png", "depth", {"depth", "'right'", "range.file", "no regular file"});
   expect_change_refused("depth/right.png", "scene.json", {"scene.json", "'right'", "range.file", "JSON"});
   expect_change_refused("\"floor_m\": 0.003", "\"floor_m\": -1", {"'right'", "noise.floor_m", "negative"});
   expect_change_refused("\"floor_m\": 0.003", "\"floor_m\": 0", {"'right'", "noise", "zero"});
   expect_change_refused("\"correlation\": 2.5", "\"correlation\": 0.5", {"'right'", "noise.correlation", "at least 1"});
+  expect_change_refused("\"intensity_power\": 0.5", "\"intensity_power\": -1",
+                        {"'right'", "noise.intensity_power", "negative"});
+  expect_change_refused("\"intensity_reference\": 90", "\"intensity_reference\": 0",
+                        {"'right'", "noise.intensity_reference", "greater than 0"});
   expect_change_refused("\"pointing_rad\": 0.0004", "\"pointing_rad\": -1",
                         {"'right'", "noise.pointing_rad", "negative"});
   expect_change_refused("\"s2_per_m\": 0.002", "\"s1\": -0.001", {"sensors.tof.noise.s1", "floor_m"});

@@ -82,6 +82,42 @@ TEST(EstimateNoise, PointingMakesSlantedWallsRougher) {
   }
 }
 
+// Every wall in patches of eight intensities, and their noise.
+View with_intensities(View view, const NoiseModel& noise, unsigned seed) {
+  std::mt19937 rng(seed);
+  std::normal_distribution<double> normal(0, 1);
+  view.intensity = Image<std::uint8_t>(view.range.width, view.range.height);
+  for (int v = 0; v < view.range.height; ++v)
+    for (int u = 0; u < view.range.width; ++u) {
+      view.intensity.at(u, v) = std::uint8_t(20 + 30 * ((u / 50 + v / 45) % 8));
+      float& r = view.range.at(u, v);
+      r += float(normal(rng) * noise.intensity_factor(view.intensity.at(u, v)) * noise.sigma(double(r)));
+    }
+  return view;
+}
+
+TEST(EstimateNoise, DarkSurfacesAreRougherWhereIntensitiesSaySo) {
+  const auto scanner = SphericalSensor::from_limits(1000, 450, -std::numbers::pi, std::numbers::pi, 1.5, -1.0);
+  const NoiseModel truth{.s0_m = 0.002, .intensity_power = 0.6, .intensity_reference = 100}, none{};
+  const View clean = room_view(scanner, none, 1, {});
+  const NoiseModel found = estimate({with_intensities(clean, truth, 2)});
+  EXPECT_NEAR(found.intensity_power, 0.6, 0.06);
+  for (const std::uint8_t intensity : {20, 60, 110, 230})
+    EXPECT_NEAR(
+        found.sigma(2, 1, found.intensity_factor(intensity)) / truth.sigma(2, 1, truth.intensity_factor(intensity)), 1,
+        0.1)
+        << int(intensity);
+  EXPECT_EQ(estimate({with_intensities(clean, {.s0_m = 0.002}, 3)}).intensity_power, 0);
+}
+
+TEST(NoiseModel, IntensityCountsWithinLimits) {
+  const NoiseModel noise{.s0_m = 0.002, .intensity_power = 1, .intensity_reference = 100};
+  EXPECT_DOUBLE_EQ(noise.intensity_factor(50), 2);
+  EXPECT_DOUBLE_EQ(noise.intensity_factor(0), NoiseModel::kLargestFactor);
+  EXPECT_DOUBLE_EQ(NoiseModel{.s0_m = 0.002}.intensity_factor(3), 1);
+  EXPECT_LE(noise.sigma_across(2, 1, noise.intensity_factor(1)), noise.largest_across(2));
+}
+
 TEST(NoiseModel, IncidenceCountsByItsTangent) {
   const NoiseModel noise{.s0_m = 0.002, .pointing_rad = 0.001};
   EXPECT_DOUBLE_EQ(noise.sigma(3, 1), 0.002);

@@ -156,6 +156,21 @@ std::string problems_text(const Survey& found) {
   return out.empty() ? out : "unusable\n" + out;
 }
 
+// What else the noise depends on, where it does.
+std::string conditions_text(const Survey& found) {
+  std::string out;
+  for (const SensorSurvey& sensor : found.sensors) {
+    const NoiseModel& noise = sensor.given ? *sensor.given : sensor.noise;
+    if (noise.pointing_rad > 0)
+      out += fmt::format("{}: rays are {:.3g} mrad off, which adds range x tan(incidence) of it to the noise\n",
+                         sensor.sensor_id, 1000 * noise.pointing_rad);
+    if (noise.intensity_power > 0)
+      out += fmt::format("{}: noise falls with intensity to the power of {:.2f}, and is as above at {:.0f} of 255\n",
+                         sensor.sensor_id, noise.intensity_power, noise.intensity_reference);
+  }
+  return out;
+}
+
 std::string sensors_text(const Survey& found) {
   Table table({"sensor id", "views", "noise mm at nearest", "median", "farthest range", "floor", "noise is"});
   for (const SensorSurvey& sensor : found.sensors) {
@@ -176,7 +191,7 @@ std::string sensors_text(const Survey& found) {
     add(sensor.noise, "estimated");
     if (sensor.given) add(*sensor.given, "given");
   }
-  return table.size() > 0 ? table.text() : "";
+  return table.size() > 0 ? table.text() + conditions_text(found) : "";
 }
 
 std::string pairs_text(const Survey& found) {

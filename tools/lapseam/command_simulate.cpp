@@ -34,7 +34,8 @@ struct SimulateArguments {
   double elevation_deg = 20, distance_m = 0;
   std::uint64_t seed = 1;
   // effects
-  double noise_scale = 1, pointing_noise_mrad = 0, dark_dropout = 0, specular_dropout = 0, exposure_sigma = 0;
+  double noise_scale = 1, pointing_noise_mrad = 0, intensity_noise = 0, dark_dropout = 0, specular_dropout = 0,
+         exposure_sigma = 0;
   std::string noise_model, incidence_noise, quantization, grazing, range_limits, pose_error;
   bool has_mixed_pixels = false;
   // output
@@ -167,6 +168,7 @@ SensorEffects make_effects(const SimulateArguments& arguments, const SensorEffec
     if (effects.noise.s1 < 0) effects.noise.floor_m = 1e-6;
   }
   if (arguments.pointing_noise_mrad > 0) effects.noise.pointing_rad = 0.001 * arguments.pointing_noise_mrad;
+  effects.noise.intensity_power = arguments.intensity_noise;
   if (!arguments.incidence_noise.empty()) {
     const std::vector<double> n = parse_numbers(arguments.incidence_noise, "--incidence-noise", ',', 1, 2);
     effects.incidence_1 = n[0], effects.incidence_2 = n.size() > 1 ? n[1] : 0.0;
@@ -292,6 +294,10 @@ void add_effect_options(CLI::App& command, SimulateArguments& arguments) {
       .add_option("--pointing-noise", arguments.pointing_noise_mrad,
                   "What rays are off by, mrad: moves ranges by range x tan(incidence) of it (0)")
       ->check(CLI::NonNegativeNumber);
+  command
+      .add_option("--intensity-noise", arguments.intensity_noise,
+                  "Write intensities; sigma grows with this power of 128 / intensity (0: neither)")
+      ->check(CLI::Range(0.0, 2.0));
   command.add_option("--incidence-noise", arguments.incidence_noise,
                      "A,B: sigma times 1 + A t + B t^2, t radians off the normal");
   command.add_option("--quantize", arguments.quantization, "A,B: ranges in steps of A + B r^2 metres");

@@ -24,6 +24,14 @@ struct Shade {
   }
 };
 
+/// The fields that make a colour, or the one of the intensity, and the field that says which are invalid.
+struct Shades {
+  std::array<int, 3> field{-1, -1, -1};
+  std::array<Shade, 3> shade;
+  std::size_t count = 0;
+  int state = -1;
+};
+
 // Scans are visited in pieces of at least so many records, and in no more pieces than that: each costs the fitting a
 // table.
 constexpr std::uint64_t kPieceRecords = 1 << 18, kMostPieces = 64;
@@ -67,17 +75,19 @@ class E57GridScan : public GridScan {
 
   std::optional<ImageSize> size() const override { return size_; }
   std::optional<Eigen::Isometry3d> T_world_scan() const override { return scan_.T_world_scan; }
-  bool has_color() const override { return color_count_ > 0; }
+  bool has_color() const override { return colors_.count > 0; }
+  bool has_intensity() const override { return intensity_.count > 0; }
 
-  MissingSamples visit(bool with_color, const Visit& visit) const override {
-    return visit_records(with_color, {0, scan_.record_count}, true, visit);
+  MissingSamples visit(ScanChannel channel, const Visit& visit) const override {
+    return visit_records(channel, {0, scan_.record_count}, true, visit);
   }
 
   std::size_t pieces() const override { return pieces_; }
 
   void visit_piece(std::size_t piece, const VisitSample& visit) const override {
     // Several pieces there are only where no pixel has two returns.
-    visit_records(false, piece_range(piece), pieces_ == 1, [&](const GridSample& sample, Rgb8) { visit(sample); });
+    visit_records(ScanChannel::kNone, piece_range(piece), pieces_ == 1,
+                  [&](const GridSample& sample, Rgb8) { visit(sample); });
   }
 
  private:
@@ -92,18 +102,20 @@ class E57GridScan : public GridScan {
 
   /// Samples of some records, in order; of several in one pixel the first, if that is asked for.
   template <typename VisitRecord>
-  MissingSamples visit_records(bool with_color, RecordRange range, bool is_first_only, const VisitRecord& visit) const {
+  MissingSamples visit_records(ScanChannel channel, RecordRange range, bool is_first_only,
+                               const VisitRecord& visit) const {
     std::vector<int> wanted = coordinates_;
     const auto want = [&](int field) {
       if (field < 0) return -1;
       wanted.push_back(field);
       return int(wanted.size()) - 1;
     };
-    const std::size_t color_count = with_color ? color_count_ : 0;
+    const Shades& shades = channel == ScanChannel::kIntensity ? intensity_ : colors_;
+    const std::size_t color_count = channel == ScanChannel::kNone ? 0 : shades.count;
     const int state = want(state_), row = size_ ? want(row_) : -1, column = size_ ? want(column_) : -1;
     std::array<int, 3> colors{-1, -1, -1};
-    for (std::size_t k = 0; k < color_count; ++k) colors[k] = want(colors_[k]);
-    const int color_state = want(color_count > 0 ? color_state_ : -1);
+    for (std::size_t k = 0; k < color_count; ++k) colors[k] = want(shades.field[k]);
+    const int color_state = want(color_count > 0 ? shades.state : -1);
 
     PagedFile file(source_);
     E57Records records = records_of(file, wanted, range);
@@ -133,7 +145,7 @@ class E57GridScan : public GridScan {
           ++missing.surplus;
         } else {
           const bool is_colored = color_state < 0 || records.column(std::size_t(color_state))[i] == 0;
-          visit(sample, is_colored && color_count > 0 ? to_color(records, colors, i) : Rgb8{});
+          visit(sample, is_colored && color_count > 0 ? to_color(shades, records, colors, i) : Rgb8{});
         }
       }
     }
@@ -168,7 +180,7 @@ class E57GridScan : public GridScan {
     }
   }
 
-  void add_shade(int field, const std::optional<E57Limits>& limits) {
+  void add_shade(Shades& shades, int field, const std::optional<E57Limits>& limits) const {
     const E57Field& packed = scan_.fields[std::size_t(field)];
     E57Limits range{0, 1};
     if (limits && limits->maximum > limits->minimum) {
@@ -179,27 +191,30 @@ class E57GridScan : public GridScan {
       range = {double(packed.minimum) * packed.scale + packed.offset,
                double(packed.maximum) * packed.scale + packed.offset};
     }
-    colors_[color_count_] = field;
-    shades_[color_count_++] = {range.minimum,
-                               range.maximum > range.minimum ? 255 / (range.maximum - range.minimum) : 0};
+    shades.field[shades.count] = field;
+    shades.shade[shades.count++] = {range.minimum,
+                                    range.maximum > range.minimum ? 255 / (range.maximum - range.minimum) : 0};
   }
 
-  /// Red, green and blue; or the intensity, as grey.
+  /// Red, green and blue; or the intensity, as grey. And the intensity by itself.
   void choose_colors() {
     const std::array<int, 3> rgb{scan_.find("colorRed"), scan_.find("colorGreen"), scan_.find("colorBlue")};
     if (rgb[0] >= 0 && rgb[1] >= 0 && rgb[2] >= 0) {
-      for (std::size_t k = 0; k < 3; ++k) add_shade(rgb[k], scan_.color[k]);
-      color_state_ = scan_.find("isColorInvalid");
-    } else if (const int intensity = scan_.find("intensity"); intensity >= 0) {
-      add_shade(intensity, scan_.intensity);
-      color_state_ = scan_.find("isIntensityInvalid");
+      for (std::size_t k = 0; k < 3; ++k) add_shade(colors_, rgb[k], scan_.color[k]);
+      colors_.state = scan_.find("isColorInvalid");
     }
+    if (const int intensity = scan_.find("intensity"); intensity >= 0) {
+      add_shade(intensity_, intensity, scan_.intensity);
+      intensity_.state = scan_.find("isIntensityInvalid");
+    }
+    if (colors_.count == 0) colors_ = intensity_;
   }
 
-  Rgb8 to_color(const E57Records& records, const std::array<int, 3>& columns, std::size_t i) const {
+  static Rgb8 to_color(const Shades& shades, const E57Records& records, const std::array<int, 3>& columns,
+                       std::size_t i) {
     std::array<std::uint8_t, 3> c{};
-    for (std::size_t k = 0; k < color_count_; ++k) c[k] = shades_[k](records.column(std::size_t(columns[k]))[i]);
-    return color_count_ == 3 ? Rgb8{c[0], c[1], c[2]} : Rgb8{c[0], c[0], c[0]};
+    for (std::size_t k = 0; k < shades.count; ++k) c[k] = shades.shade[k](records.column(std::size_t(columns[k]))[i]);
+    return shades.count == 3 ? Rgb8{c[0], c[1], c[2]} : Rgb8{c[0], c[0], c[0]};
   }
 
   struct Extent {
@@ -285,10 +300,8 @@ class E57GridScan : public GridScan {
   std::size_t pieces_ = 1;
   std::vector<int> coordinates_;
   bool is_polar_ = false;
-  int state_ = -1, row_ = -1, column_ = -1, color_state_ = -1;
-  std::array<int, 3> colors_{-1, -1, -1};
-  std::array<Shade, 3> shades_;
-  std::size_t color_count_ = 0;
+  int state_ = -1, row_ = -1, column_ = -1;
+  Shades colors_, intensity_;
   double first_row_ = 0, first_column_ = 0;
   std::optional<ImageSize> size_;
 };
