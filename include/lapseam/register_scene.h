@@ -38,8 +38,8 @@ struct RegisterSceneResult {
 };
 
 /// Loads the views and their pictures, estimates the noise, registers; writes range images only where sensors are
-/// calibrated: of depth cameras that give whole disparities, these are smoothed first, no sample beyond the step that it
-/// was rounded to. Same results for any number of threads. Throws InvalidInput, IoError, Cancelled.
+/// calibrated: of depth cameras that give whole disparities, these are smoothed first, no sample beyond the step that
+/// it was rounded to. Same results for any number of threads. Throws InvalidInput, IoError, Cancelled.
 RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOptions& options, Context& context);
 
 /// The report with the context's stages and warnings, as JSON text.
