@@ -120,6 +120,7 @@ std::string to_json(const RegisterSceneReport& report, const Context& context) {
                                    {"columns", correction.columns},
                                    {"rows", correction.rows},
                                    {"inverse_range_offset_per_m", correction.offset_per_m}});
+  if (!report.unrounded.empty()) json["unrounded_sensors"] = report.unrounded;
   for (std::size_t i = 0; i < report.views.size(); ++i)
     if (!report.views[i].line_offset_rad.empty())
       json["line_corrections"].push_back(

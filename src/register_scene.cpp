@@ -9,8 +9,10 @@
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "lapseam/io.h"
+#include "lapseam/smooth.h"
 #include "load_views.h"
 #include "range_files.h"
+#include "register/rounding.h"
 
 namespace lapseam {
 std::vector<std::uint32_t> places_of(const std::vector<std::uint32_t>& fixed, const LoadedViews& loaded,
@@ -36,9 +38,32 @@ PictureOf pictures_of(const Scene& scene, const LoadedViews& loaded) {
 
 namespace {
 
+// Steps of disparity are wide where surfaces face the sensor.
+constexpr int kReach_px = 32;
+
+// Smooths ranges of depth cameras that give whole disparities, within what those were rounded by. Returns the sensors.
+std::vector<std::string> undo_rounding(const ViewNoise& noise, std::vector<View>& views, Context& context) {
+  StageScope stage(context, "rounding");
+  std::vector<std::string> out;
+  for (const auto& [id, sensor] : noise.sensors) {
+    // Steps are larger than the noise: neighbours share their error.
+    if (sensor.members.empty() || !(sensor.measured.model.correlation > 1)) continue;
+    if (!std::holds_alternative<PinholeSensor>(views[sensor.members.front()].sensor)) continue;
+    std::vector<const View*> of_sensor;
+    for (const std::size_t i : sensor.members) of_sensor.push_back(&views[i]);
+    const std::vector<float> values = range_values(of_sensor, context);
+    for (const std::size_t i : sensor.members) {
+      const SmoothResult smoothed = smooth(views[i], sensor.measured.model, {.reach_px = kReach_px}, context);
+      views[i].range = within_rounding(views[i].range, smoothed.range, values);
+    }
+    out.push_back(id);
+  }
+  return out;
+}
+
 // Takes out of the views what their sensors are off by, and writes what is left beside the manifest.
-void write_corrected(const RegisterResult& placed, const ViewNoise& noise, const std::filesystem::path& folder,
-                     LoadedViews& loaded, Scene& scene, Context& context) {
+void write_corrected(const RegisterResult& placed, const std::vector<std::string>& unrounded, const ViewNoise& noise,
+                     const std::filesystem::path& folder, LoadedViews& loaded, Scene& scene, Context& context) {
   const std::vector<std::string> names = range_file_names(scene.views);
   std::error_code failure;
   std::filesystem::create_directories(folder, failure);
@@ -48,7 +73,8 @@ void write_corrected(const RegisterResult& placed, const ViewNoise& noise, const
     View& view = loaded.views[i];
     const auto found = placed.corrections.find(view.sensor_id);
     const std::vector<double>& lines = placed.views[i].line_offset_rad;
-    if (found == placed.corrections.end() && lines.empty()) return;
+    const bool is_unrounded = std::find(unrounded.begin(), unrounded.end(), view.sensor_id) != unrounded.end();
+    if (found == placed.corrections.end() && lines.empty() && !is_unrounded) return;
     ViewSource& source = scene.views[loaded.source_index[i]];
     const std::filesystem::path intensity_file = source.range.intensity_file;
     source.range = {};
@@ -58,7 +84,7 @@ void write_corrected(const RegisterResult& placed, const ViewNoise& noise, const
     // Steps of whole disparities are no longer told from surfaces when the noise is estimated anew.
     source.noise = noise.of_view[i];
     if (lines.empty()) {
-      view.range = corrected(view.range, found->second);
+      if (found != placed.corrections.end()) view.range = corrected(view.range, found->second);
       source.range.quantity = RangeQuantity::kZ;  // only pinhole sensors have ranges corrected
     } else {
       view.sensor = corrected(std::get<SphericalSensor>(view.sensor), lines);
@@ -82,6 +108,7 @@ RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOption
     noise = estimate_view_noise(scene, loaded, context);
     report.disagreement_before = survey_disagreement(loaded.views, noise.of_view, context);
   }
+  if (options.registration.calibrate) report.unrounded = undo_rounding(noise, loaded.views, context);
   RegisterOptions registration = options.registration;
   registration.fixed = places_of(options.registration.fixed, loaded, scene);
   RegisterResult placed =
@@ -97,8 +124,8 @@ RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOption
   }
   const bool has_lines = std::any_of(placed.views.begin(), placed.views.end(),
                                      [](const PlacedView& view) { return !view.line_offset_rad.empty(); });
-  if (has_lines || !placed.corrections.empty())
-    write_corrected(placed, noise, options.corrected_ranges, loaded, out.scene, context);
+  if (has_lines || !placed.corrections.empty() || !report.unrounded.empty())
+    write_corrected(placed, report.unrounded, noise, options.corrected_ranges, loaded, out.scene, context);
   report.corrections = std::move(placed.corrections);
   StageScope stage(context, "disagreement");
   report.disagreement_after = survey_disagreement(loaded.views, noise.of_view, context);

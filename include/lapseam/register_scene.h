@@ -28,6 +28,7 @@ struct RegisterSceneReport {
   std::vector<PlacedView> views;
   RegisterReport registration;
   std::map<std::string, RangeCorrection> corrections;  ///< by sensor id
+  std::vector<std::string> unrounded;  ///< sensors whose ranges were whole steps, and were smoothed within those
   Disagreement disagreement_before, disagreement_after;
 };
 
@@ -37,7 +38,8 @@ struct RegisterSceneResult {
 };
 
 /// Loads the views and their pictures, estimates the noise, registers; writes range images only where sensors are
-/// calibrated. Same results for any number of threads. Throws InvalidInput, IoError, Cancelled.
+/// calibrated: of depth cameras that give whole disparities, these are smoothed first, no sample beyond the step that
+/// it was rounded to. Same results for any number of threads. Throws InvalidInput, IoError, Cancelled.
 RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOptions& options, Context& context);
 
 /// The report with the context's stages and warnings, as JSON text.

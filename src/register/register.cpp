@@ -59,7 +59,7 @@ RegisterResult Registrar::run() {
   refine_all();
   if (options_.calibrate && calibrate_lines()) {
     link();
-    refine_all();
+    refine(0, kFineIterations);  // planes have put views nearly in place; coarse levels would slide along them
   }
   if (options_.calibrate) calibrate();
   StageScope stage(context_, "judge registration");

@@ -96,6 +96,8 @@ void print_sliding(const RegisterSceneReport& report) {
 }
 
 void print_corrections(const RegisterSceneReport& report) {
+  for (const std::string& id : report.unrounded)
+    fmt::print("sensor {}: ranges are whole steps; smoothed within those\n", id);
   for (const auto& [id, correction] : report.corrections) {
     const auto [low, high] = std::minmax_element(correction.offset_per_m.begin(), correction.offset_per_m.end());
     // At a metre, an offset of inverse range is one of range, turned over.
@@ -179,7 +181,8 @@ void add_register_command(CLI::App& app) {
   command->add_flag(
       "--calibrate", arguments->calibrate,
       "Also find what each depth camera measures too far or too near, by place in its image, and at which "
-      "angles the lines of a scanner really are; write range images without it");
+      "angles the lines of a scanner really are; write range images without it, and without steps where ranges are "
+      "whole disparities");
   command
       ->add_option("--capture", arguments->capture_mm,
                    "How far apart points of one surface may be at first, millimetres; a tenth of what a view sees by "
