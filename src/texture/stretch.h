@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace lapseam {
@@ -15,6 +16,12 @@ inline constexpr float kPadding = 30;
 /// Triangles so thin show little of any image: slivers, whose normals are noise. They may face away, lie over their
 /// neighbours and be of any size.
 inline constexpr float kSlender_px = 1.5f;
+
+inline bool is_slender(const std::array<Eigen::Vector2f, 3>& p) {
+  const Eigen::Vector2f ab = p[1] - p[0], ac = p[2] - p[0];
+  const float twice_px = std::abs(ab.x() * ac.y() - ab.y() * ac.x());
+  return twice_px < kSlender_px * std::max({ab.norm(), ac.norm(), (ac - ab).norm()});
+}
 
 /// Pixels that `area_px` of an image cost when each is mapped so: one for e times coarser, and those that are more.
 /// False where some direction becomes too coarse, or the whole too large, or it is turned over.
