@@ -12,7 +12,7 @@ namespace lapseam {
 
 /// Pixels of a page that a pixel of border between charts costs: padding for mip level 3, and for whole blocks, on
 /// either side, six to eight pixels each; and what packing leaves free, which lies along outlines too.
-inline constexpr float kPadding = 30;
+inline constexpr float kPadding = 60;
 /// Triangles so thin show little of any image: slivers, whose normals are noise. They may face away, lie over their
 /// neighbours and be of any size.
 inline constexpr float kSlender_px = 1.5f;
