@@ -65,7 +65,7 @@ enum class TextureFormat {
 struct WriteMeshOptions {
   bool with_provenance = true;                          ///< PLY: per-vertex view and pixel, per-face view and tag
   TextureFormat texture_format = TextureFormat::kJpeg;  ///< GLB and OBJ texture pages
-  int texture_quality = 99;                             ///< 1 to 100; of JPEG and WebP
+  int texture_quality = 100;                            ///< 1 to 100; of JPEG and WebP
   // GLB only:
   bool is_lit = false;    ///< a matte material that a viewer lights; otherwise textures and colours show as they are
   bool quantize = false;  ///< 16-bit positions and texture coordinates (KHR_mesh_quantization)

@@ -58,15 +58,18 @@ bool look_at_triangle(const std::array<Eigen::Vector3f, 3>& corners_m, const Col
   sight.density_px = twice_area > 0 ? std::sqrt(twice_area_px / twice_area) : 0;
   if (!(sight.density_px > 0) || !std::isfinite(sight.density_px)) return false;
   const float longest_px = std::max({ab.norm(), ac.norm(), (ac - ab).norm()});
-  int points = 0, fringes = 0;
+  int points = 0, fringes = 0, hidden = 0;
   const bool is_seen = for_points(corners_m, longest_px, float(depth.stride), [&](const Eigen::Vector3f& point) {
     Eigen::Vector2f at;
-    if (!camera.project(point, at) || !depth.is_visible(at, (point - camera.ray_origin(at)).norm())) return false;
+    if (!camera.project(point, at)) return false;
+    const float distance_there = (point - camera.ray_origin(at)).norm();
+    if (!depth.is_visible(at, distance_there)) return false;
     ++points;
     fringes += depth.is_fringe(at);
+    hidden += depth.is_hidden(at, distance_there);
     return true;
   });
-  if (is_seen) sight.fringe = float(fringes) / float(points);
+  if (is_seen) sight.fringe = float(fringes) / float(points), sight.hidden = float(hidden) / float(points);
   return is_seen;
 }
 
@@ -75,28 +78,38 @@ namespace {
 /// A cell as candidates for it are judged.
 class CellJudge {
  public:
-  CellJudge(const Mesh& mesh, std::span<const std::uint32_t> triangles) : mesh_(mesh), triangles_(triangles) {
-    for (const std::uint32_t i : triangles) {
+  CellJudge(const Mesh& mesh, std::span<const std::uint32_t> triangles)
+      : mesh_(mesh), triangles_(triangles.begin(), triangles.end()) {
+    const auto area_m2 = [&](std::uint32_t i) {
       const auto c = corners_of(i);
-      area_m2_.push_back(0.5f * (c[1] - c[0]).cross(c[2] - c[0]).norm());
+      return 0.5f * (c[1] - c[0]).cross(c[2] - c[0]).norm();
+    };
+    // Largest first: where it is not seen, nothing else has to be looked at.
+    std::stable_sort(triangles_.begin(), triangles_.end(),
+                     [&](std::uint32_t a, std::uint32_t b) { return area_m2(a) > area_m2(b); });
+    for (const std::uint32_t i : triangles_) {
+      area_m2_.push_back(area_m2(i));
       whole_m2_ += area_m2_.back();
-      for (const Eigen::Vector3f& corner : c) box_.extend(corner);
+      for (const Eigen::Vector3f& corner : corners_of(i)) box_.extend(corner);
     }
   }
 
   const Eigen::AlignedBox3f& box() const { return box_; }
   float area_m2() const { return whole_m2_; }
 
-  /// density_px: mean over what is seen. False when too little is.
-  bool judge(std::uint32_t view, const ColorCamera& camera, const DepthImage& depth, float& density_px,
-             float& cost) const {
-    float missing = 0, seen = 0, squares = 0, fringe = 0, measured = 0;
+  /// density_px: mean over what is seen; hidden: share of what is not. False when too little is seen. largest_px: grows
+  /// to the density of the largest triangle, if that is seen.
+  bool judge(std::uint32_t view, const ColorCamera& camera, const DepthImage& depth, float& density_px, float& cost,
+             float& hidden, float& largest_px) const {
+    float missing = 0, seen = 0, squares = 0, fringe = 0, measured = 0, behind = 0;
     TriangleSight sight;
     for (std::size_t k = 0; k < triangles_.size(); ++k) {
       if (look_at_triangle(corners_of(triangles_[k]), camera, depth, sight)) {
+        if (k == 0 && sight.hidden == 0) largest_px = std::max(largest_px, sight.density_px);
         seen += area_m2_[k];
         squares += area_m2_[k] * sight.density_px * sight.density_px;
         fringe += area_m2_[k] * sight.fringe;
+        behind += area_m2_[k] * sight.hidden;
         measured += !mesh_.triangle_view.empty() && mesh_.triangle_view[triangles_[k]] == view ? area_m2_[k] : 0;
         continue;
       }
@@ -105,8 +118,9 @@ class CellJudge {
     }
     if (!(seen > 0)) return false;
     density_px = std::sqrt(squares / seen);
+    hidden = (missing + behind) / whole_m2_;
     cost =
-        (kFringeCost * fringe - kMeasuredBonus * measured + kLargestCost * missing) / whole_m2_ - std::log(density_px);
+        (kFringeCost * fringe - kMeasuredBonus * measured) / whole_m2_ + kLargestCost * hidden - std::log(density_px);
     return true;
   }
 
@@ -122,7 +136,7 @@ class CellJudge {
   }
 
   const Mesh& mesh_;
-  std::span<const std::uint32_t> triangles_;
+  std::vector<std::uint32_t> triangles_;
   std::vector<float> area_m2_;
   float whole_m2_ = 0;
   Eigen::AlignedBox3f box_;
@@ -135,14 +149,17 @@ Candidates find_candidates(const Mesh& mesh, const Cells& cells, const ColorCame
   Candidates out;
   out.density_px.assign(cells.count(), 0);
   out.area_px.assign(cells.count(), 0);
+  out.hidden.assign(cells.count(), 1);
+  out.largest_px.assign(cells.count(), 0);
   std::vector<std::vector<Candidate>> of_cell(cells.count());
   parallel_for(context, cells.count(), kBlock, [&](std::size_t c) {
     const CellJudge cell(mesh, cells.of(c));
     std::vector<Candidate> list;
     for (std::uint32_t v = 0; v < cameras.size(); ++v) {
-      float density_px = 0, cost = 0;
+      float density_px = 0, cost = 0, hidden = 0;
       if (!cameras[v] || !cameras[v]->may_see(cell.box().center(), 0.5f * cell.box().diagonal().norm())) continue;
-      if (!cell.judge(v, *cameras[v], depths[v], density_px, cost)) continue;
+      if (!cell.judge(v, *cameras[v], depths[v], density_px, cost, hidden, out.largest_px[c])) continue;
+      out.hidden[c] = std::min(out.hidden[c], hidden);
       list.push_back({v, blur[v] + cost, {}});
       out.density_px[c] = std::max(out.density_px[c], density_px);
     }

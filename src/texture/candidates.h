@@ -29,6 +29,8 @@ struct Candidates {
   std::vector<std::uint64_t> begin;  ///< of each cell in it, and the end of the last
   std::vector<float> density_px;     ///< of each cell in its best image, pixels per metre; 0: no image shows it
   std::vector<float> area_px;        ///< there
+  std::vector<float> hidden;      ///< of each cell in the image that shows the most of it, the share that is not shown
+  std::vector<float> largest_px;  ///< as density_px, of each cell's largest triangle by itself
 
   std::span<const Candidate> of(std::size_t cell) const {
     return {all.data() + begin[cell], all.data() + begin[cell + 1]};
@@ -46,10 +48,12 @@ void sample_colors(const Mesh& mesh, const Cells& cells, std::span<const ViewSou
                    const ColorCameras& cameras, std::span<const ColorResponse> responses, Candidates& candidates,
                    Context& context);
 
-/// As a camera sees a triangle; false when it is no candidate. fringe: share of it that lies near a jump of depth.
+/// As a camera sees a triangle; false when it is no candidate. fringe: share of it that lies near a jump of depth;
+/// hidden: of these, what lies on the nearer side of the jump.
 struct TriangleSight {
   float density_px = 0;
   float fringe = 0;
+  float hidden = 0;
 };
 bool look_at_triangle(const std::array<Eigen::Vector3f, 3>& corners_m, const ColorCamera& camera,
                       const DepthImage& depth, TriangleSight& sight);

@@ -76,6 +76,13 @@ bool DepthImage::is_visible(const Eigen::Vector2f& pixel, float distance) const 
   return distance <= farthest * (1 + kTolerance);
 }
 
+bool DepthImage::is_hidden(const Eigen::Vector2f& pixel, float distance) const {
+  if (!is_visible(pixel, distance)) return true;
+  const int u = std::clamp(cell(pixel.x()), 0, distance_m.width - 1);
+  const int v = std::clamp(cell(pixel.y()), 0, distance_m.height - 1);
+  return is_near_step.at(u, v) != 0 && distance > distance_m.at(u, v) * (1 + kTolerance);
+}
+
 DepthImage render_depth(const ColorCamera& camera, const RayScene& scene, int stride, double fringe_m) {
   DepthImage out;
   out.stride = stride;

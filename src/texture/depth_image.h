@@ -20,6 +20,9 @@ struct DepthImage {
   /// Whether a point, at a pixel and a distance, is the first that the camera sees there. A fiftieth of the distance is
   /// allowed for what the model's surface and the image's coarseness are off.
   bool is_visible(const Eigen::Vector2f& pixel, float distance_m) const;
+  /// Whether the image shows something else there: not visible, or beside a jump, where is_visible takes the farther
+  /// side for several pixels, on its nearer side.
+  bool is_hidden(const Eigen::Vector2f& pixel, float distance_m) const;
 };
 
 /// fringe_m: how far the model and the image may be apart, beside a pixel and a half for the camera's own blur.

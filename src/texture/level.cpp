@@ -10,6 +10,7 @@
 #include <cmath>
 
 #include "core/parallel.h"
+#include "texture/stretch.h"
 
 namespace lapseam {
 namespace {
@@ -56,6 +57,13 @@ struct InnerSide {
   Eigen::Vector3f point_m;
 };
 
+/// A side of a sample in a triangle that may lie over surface it is not beside.
+struct SlenderSide {
+  std::uint32_t sample;
+  Eigen::Vector2f at;
+  Eigen::Vector3f point_m;
+};
+
 struct Cell {
   int x, y;
   float fx, fy;
@@ -94,7 +102,8 @@ struct Levelling::Impl {
   std::vector<NodeGrid> grids;            // of each part
   std::size_t node_count = 0;
   std::vector<SeamSample> samples;
-  std::vector<std::vector<InnerSide>> inner_sides;  // of each view
+  std::vector<std::vector<InnerSide>> inner_sides;      // of each view
+  std::vector<std::vector<SlenderSide>> slender_sides;  // of each chart
   std::vector<std::array<Eigen::Vector3f, 2>> inner_colors;
   std::vector<Eigen::Vector3f> offset;    // of each node
   std::vector<std::uint64_t> slot_pixel;  // chart << 32 | pixel of the chart, sorted
@@ -114,6 +123,7 @@ struct Levelling::Impl {
 
   void solve(Context& context) {
     parallel_for(context, samples.size(), 4096, [&](std::size_t i) { measure(i); });
+    drop_misplaced(context);
     inner_colors.clear();
     drop_unknown();
     make_grids();
@@ -145,6 +155,7 @@ struct Levelling::Impl {
     for (const std::uint32_t view : charts.view_of_triangle)
       if (view != kInvalidIndex) views = std::max(views, view + 1);
     inner_sides.resize(views);
+    slender_sides.resize(charts.charts.size());
     const auto part = [&](std::uint32_t i) {
       return first_part[charts.chart_of_triangle[i]] + charts.part_of_triangle[i];
     };
@@ -166,6 +177,8 @@ struct Levelling::Impl {
                             Place{b, part(edge.b), pb[b0] + t * (pb[b1] - pb[b0])}},
                            {},
                            Eigen::Vector3f::Zero()});
+        add_slender(number, edge.a, a, samples.back().side[0].at, from_m + t * along_m);
+        add_slender(number, edge.b, b, samples.back().side[1].at, from_m + t * along_m);
         if (a != b) continue;
         inner_sides[charts.view_of_triangle[edge.a]].push_back({number, 0, from_m + t * along_m});
         inner_sides[charts.view_of_triangle[edge.b]].push_back({number, 1, from_m + t * along_m});
@@ -173,12 +186,56 @@ struct Levelling::Impl {
     }
   }
 
+  void add_slender(std::uint32_t sample, std::uint32_t triangle, std::uint32_t chart, const Eigen::Vector2f& at,
+                   const Eigen::Vector3f& point_m) {
+    if (is_slender(charts.pixels[triangle])) slender_sides[chart].push_back({sample, at, point_m});
+  }
+
+  /// Samples at slivers that lie over other surface: the page shows that there, and it is not what has to be levelled.
+  void drop_misplaced(Context& context) {
+    constexpr float kSameSurface_px = 8;
+    std::vector<std::vector<std::uint32_t>> dropped(charts.charts.size());
+    parallel_for(context, charts.charts.size(), 1, [&](std::size_t c) {
+      if (slender_sides[c].empty()) return;
+      const Chart& chart = charts.charts[c];
+      Image<std::uint32_t> shown(chart.shape.width * kBlock_px, chart.shape.height * kBlock_px, kInvalidIndex);
+      for (const std::uint32_t i : chart.triangles)
+        if (!is_slender(charts.pixels[i]))
+          for_pixels(charts.pixels[i], 0, [&](int x, int y, float, float) { shown.at(x, y) = i; });
+      for (const SlenderSide& side : slender_sides[c]) {
+        const int x = std::clamp(int(std::lround(side.at.x())), 0, shown.width - 1);
+        const int y = std::clamp(int(std::lround(side.at.y())), 0, shown.height - 1);
+        const std::uint32_t i = shown.at(x, y);
+        if (i == kInvalidIndex) continue;
+        if (distance_px(i, side) > kSameSurface_px) dropped[c].push_back(side.sample);
+      }
+    });
+    for (const std::vector<std::uint32_t>& some : dropped)
+      for (const std::uint32_t i : some) samples[i].side[0].part = samples[i].side[1].part;  // see drop_unknown
+    slender_sides.clear();
+  }
+
+  /// Between a point and what a triangle's plane shows at its pixel, in pixels of the triangle.
+  float distance_px(std::uint32_t i, const SlenderSide& side) const {
+    const Corners& p = charts.pixels[i];
+    const Triangle& t = mesh.triangles[i];
+    const Eigen::Vector2f ab = p[1] - p[0], ac = p[2] - p[0], ap = side.at - p[0];
+    const Eigen::Vector3f ab_m = mesh.positions_m[t[1]] - mesh.positions_m[t[0]];
+    const Eigen::Vector3f ac_m = mesh.positions_m[t[2]] - mesh.positions_m[t[0]];
+    const float area = ab.x() * ac.y() - ab.y() * ac.x();
+    const float b1 = (ap.x() * ac.y() - ap.y() * ac.x()) / area, b2 = (ab.x() * ap.y() - ab.y() * ap.x()) / area;
+    const float pixel_m = std::sqrt(ab_m.cross(ac_m).norm() / std::abs(area));
+    return (mesh.positions_m[t[0]] + b1 * ab_m + b2 * ac_m - side.point_m).norm() / std::max(pixel_m, 1e-12f);
+  }
+
   /// Where a jump of depth is near, the page shows something else, or what an image shows is not the surface.
   void look(std::uint32_t view, const Photograph& photograph) {
     if (view >= inner_sides.size()) return;
     for (const InnerSide& inner : inner_sides[view]) {
       Eigen::Vector2f pixel;
-      if (!photograph.camera.project(inner.point_m, pixel) || photograph.depth.is_fringe(pixel)) continue;
+      if (!photograph.camera.project(inner.point_m, pixel) || photograph.depth.is_fringe(pixel) ||
+          photograph.depth.is_hidden(pixel, (inner.point_m - photograph.camera.ray_origin(pixel)).norm()))
+        continue;
       const Chart& chart = charts.charts[samples[inner.sample].side[0].chart];
       inner_colors[inner.sample][inner.side] = photograph.color_at(pixel, 1 / chart.scale);
     }

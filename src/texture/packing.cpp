@@ -117,14 +117,19 @@ struct Variant {
   std::vector<Run> runs;
   std::vector<std::pair<int, int>> outline;
   bool is_full_rectangle;
+  bool is_repeated;  // one before is the same
 };
 
 std::vector<Variant> variants_of(const BlockShape& shape) {
   std::vector<Variant> variants;
-  for (int turns = 0; turns < 4; ++turns) {
+  const bool is_full = std::find(shape.used.begin(), shape.used.end(), 0) == shape.used.end();
+  for (int turns = 0; turns < kMostTurns; ++turns) {
     BlockShape other = turned(shape, turns);
-    const bool is_full = std::find(shape.used.begin(), shape.used.end(), 0) == shape.used.end();
-    variants.push_back({std::move(other), {}, {}, is_full});
+    const bool is_repeated = std::any_of(variants.begin(), variants.end(), [&](const Variant& before) {
+      return before.shape.width == other.width && before.shape.used == other.used;
+    });
+    variants.push_back({std::move(other), {}, {}, is_full, is_repeated});
+    if (is_repeated) continue;
     variants.back().runs = runs_of(variants.back().shape);
     variants.back().outline = outline_of(variants.back().shape);
   }
@@ -143,7 +148,8 @@ class Page {
 
   bool place(const std::vector<Variant>& variants, BlockPlace& place) {
     int most_touching = -1;
-    for (int turns = 0; turns < int(variants.size()); ++turns) find_place(variants, turns, most_touching, place);
+    for (int turns = 0; turns < int(variants.size()); ++turns)
+      if (!variants[std::size_t(turns)].is_repeated) find_place(variants, turns, most_touching, place);
     if (most_touching < 0) return false;
     const Variant& variant = variants[std::size_t(place.turns)];
     mark(variant, place, true);
@@ -157,6 +163,7 @@ class Page {
     int most_touching = -1;
     for (int turns = 0; turns < int(variants.size()); ++turns) {
       const Variant& variant = variants[std::size_t(turns)];
+      if (variant.is_repeated) continue;
       const int first = std::max(0, from - variant.shape.height + 1);
       compare_places(variant, turns, first, std::min(to, height_ - variant.shape.height), height_, most_touching,
                      place);

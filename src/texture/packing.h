@@ -18,13 +18,17 @@ struct BlockShape {
 
 struct BlockPlace {
   int page = 0, x = 0, y = 0;
-  int turns = 0;  ///< quarter turns, that of the x axis to the y axis
+  int turns = 0;  ///< quarter turns, that of the x axis to the y axis; of the mirrored shape (x backwards) from 4 on
 };
 
-/// Where (x, y) of a grid of points comes to lie when the grid is turned; corners keep lying in corners.
+inline constexpr int kMostTurns = 8;
+
+/// Where (x, y) of a grid of points comes to lie when the grid is turned, and before that mirrored where turns are 4 or
+/// more; corners keep lying in corners.
 template <typename T>
 std::pair<T, T> turn(T x, T y, T width, T height, int turns) {
-  switch (turns) {
+  if (turns >= 4) x = width - 1 - x;
+  switch (turns % 4) {
     case 1:
       return {height - 1 - y, x};
     case 2:
@@ -46,8 +50,8 @@ struct Packing {
 };
 
 /// Largest first, each to one of the first places where it meets nothing, by rows: there where most of its outline
-/// touches others or the page's edge, in that of four turns where it touches the most. Shapes may lie inside each
-/// other's bays. Pages are page_width × page_height blocks at most; every shape fits on one as it is.
+/// touches others or the page's edge, in that of four turns, mirrored or not, where it touches the most. Shapes may lie
+/// inside each other's bays. Pages are page_width × page_height blocks at most; every shape fits on one as it is.
 Packing pack_blocks(const std::vector<BlockShape>& shapes, int page_width, int page_height, Context& context);
 
 /// Lowers the pages of a packing: again and again some shapes around a gap are taken out and put in again in another

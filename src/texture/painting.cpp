@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "texture/stretch.h"
+
 namespace lapseam {
 namespace {
 
@@ -113,9 +115,12 @@ void mark_parts(const Charts& charts, const Chart& chart, PartMap& map) {
         pixel = part | kPaddingBit;
     });
   };
-  for (const bool is_own : {false, true})
+  const auto rank = [&](std::uint32_t i) {
+    return is_slender(charts.pixels[i]) ? 0 : charts.view_of_triangle[i] == chart.view ? 2 : 1;
+  };
+  for (int pass = 0; pass < 3; ++pass)
     for (const std::uint32_t i : chart.triangles)
-      if ((charts.view_of_triangle[i] == chart.view) == is_own) mark(i);
+      if (rank(i) == pass) mark(i);
 }
 
 void paint_triangle(const Mesh& mesh, const Charts& charts, std::uint32_t triangle, const Photograph& photograph,
@@ -126,16 +131,20 @@ void paint_triangle(const Mesh& mesh, const Charts& charts, std::uint32_t triang
   for_own_pixels(charts.pixels[triangle], [&](int x, int y, float b1, float b2, bool is_inside) {
     std::uint16_t& mark = chart.pixel(map, x, y);
     if ((mark & kPartBits) != part || is_used(mark) != is_inside) return;
+    const Eigen::Vector3f point =
+        (1 - b1 - b2) * mesh.positions_m[t[0]] + b1 * mesh.positions_m[t[1]] + b2 * mesh.positions_m[t[2]];
     Eigen::Vector2f at = chart.to_image({float(x), float(y)});
     if (charts.is_resampled[triangle]) {
-      const Eigen::Vector3f point =
-          (1 - b1 - b2) * mesh.positions_m[t[0]] + b1 * mesh.positions_m[t[1]] + b2 * mesh.positions_m[t[2]];
       if (!photograph.camera.project_beyond(point, at)) return;
     } else if (chart.scale == 1) {
       at = {std::round(at.x()), std::round(at.y())};  // no weight for neighbours
     }
     chart.pixel(page, x, y) = to_rgb8(photograph.color_at(at, 1 / chart.scale));
-    if (photograph.depth.is_fringe(at)) mark |= kNearStepBit;
+    const bool is_hidden = photograph.depth.is_hidden(at, (point - photograph.camera.ray_origin(at)).norm());
+    if (is_inside && is_hidden)
+      mark |= kHiddenBits;
+    else if (photograph.depth.is_fringe(at))
+      mark |= kNearStepBit;
   });
 }
 
@@ -151,16 +160,15 @@ std::uint64_t fill_unused(const Chart& chart, int fringe_px, PartMap& map, Color
         [&](int x, int y, int from_x, int from_y) {
           is_done.at(x, y) = 1;
           pixel(x, y) = pixel(from_x, from_y);
-          if (is_used(mark(x, y)))
-            ++replaced;
-          else
-            mark(x, y) = std::uint16_t((mark(from_x, from_y) & kPartBits) | kPaddingBit);
+          const std::uint16_t old = mark(x, y), part = mark(from_x, from_y) & kPartBits;
+          replaced += is_used(old);
+          if (!is_shown(old)) mark(x, y) = std::uint16_t(part | (is_used(old) ? kHiddenBits : kPaddingBit));
         });
   };
   const int all = (chart.shape.width + chart.shape.height) * kBlock_px;
-  fill_from([](std::uint16_t m) { return is_used(m) && !(m & kNearStepBit); },
+  fill_from([](std::uint16_t m) { return is_shown(m) && !(m & kNearStepBit); },
             std::max(1, int(std::ceil(float(fringe_px) * chart.scale))));
-  fill_from(is_used, all);
+  fill_from(is_shown, all);
   fill_from([](std::uint16_t m) { return m != 0; }, all);  // where triangles lie between pixels
   return replaced;
 }

@@ -21,6 +21,7 @@
 #include "texture/painting.h"
 #include "texture/shared_edges.h"
 #include "texture/smooth_outlines.h"
+#include "texture/stretch.h"
 
 namespace lapseam {
 namespace {
@@ -109,9 +110,13 @@ class Texturing {
     Cells cells = make_cells(mesh_, edges_);
     if (!options_.choose) cells = take_apart(cells, std::vector<std::uint8_t>(cells.count(), 1));
     Candidates candidates = find_candidates(mesh_, cells, cameras_, depths_, blur_, context_);
-    // Where no image shows all of a cell, one may show a triangle of it.
+    // Where no image shows all of a cell, or only one from far away, through a gap of the model perhaps, others may
+    // show its triangles.
+    constexpr float kMostHidden = 0.02f, kCoarser = 1.5f;
     std::vector<std::uint8_t> is_unseen(cells.count());
-    for (std::size_t c = 0; c < cells.count(); ++c) is_unseen[c] = candidates.density_px[c] == 0;
+    for (std::size_t c = 0; c < cells.count(); ++c)
+      is_unseen[c] = cells.of(c).size() > 1 && (candidates.hidden[c] > kMostHidden ||
+                                                candidates.largest_px[c] > kCoarser * candidates.density_px[c]);
     if (options_.choose && std::find(is_unseen.begin(), is_unseen.end(), 1) != is_unseen.end()) {
       cells = take_apart(cells, is_unseen);
       candidates = find_candidates(mesh_, cells, cameras_, depths_, blur_, context_);
@@ -343,10 +348,13 @@ class Texturing {
   void paint_from(std::size_t view, const std::vector<std::uint32_t>& triangles) {
     const ColorImage image = load_color(sources_[view]);
     const Photograph photograph{image, *cameras_[view], responses_[view], depths_[view]};
-    for (const std::uint32_t i : triangles) {
-      const auto page = std::size_t(charts_.charts[charts_.chart_of_triangle[i]].place.page);
-      paint_triangle(mesh_, charts_, i, photograph, map_[page], mesh_.pages[page]);
-    }
+    // What slivers lie over has the last word.
+    for (const bool are_slender : {true, false})
+      for (const std::uint32_t i : triangles) {
+        if (is_slender(charts_.pixels[i]) != are_slender) continue;
+        const auto page = std::size_t(charts_.charts[charts_.chart_of_triangle[i]].place.page);
+        paint_triangle(mesh_, charts_, i, photograph, map_[page], mesh_.pages[page]);
+      }
     if (levelling_) levelling_->look(std::uint32_t(view), photograph);
   }
 

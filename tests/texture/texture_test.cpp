@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "lapseam/context.h"
@@ -9,6 +10,7 @@
 #include "lapseam/evaluate_novel.h"
 #include "lapseam/render.h"
 #include "support/painted_views.h"
+#include "texture/depth_image.h"
 
 namespace lapseam {
 namespace {
@@ -105,6 +107,48 @@ TEST(Atlas, ChartLargerThanAPageIsCut) {
   EXPECT_GT(report.charts, 3u);
   EXPECT_EQ(report.unseen_triangles, 0u);
   for (const ColorImage& page : mesh.pages) EXPECT_LE(std::max(page.width, page.height), 96);
+}
+
+// Blue channel of the texture at the middle of a triangle.
+int blue_of(const Mesh& mesh, std::size_t i) {
+  const ColorImage& page = mesh.pages[mesh.triangle_page[i]];
+  const Eigen::Vector2f uv = (mesh.texcoords[i][0] + mesh.texcoords[i][1] + mesh.texcoords[i][2]) / 3;
+  return page.at(int(uv.x() * float(page.width)), int(uv.y() * float(page.height))).b;
+}
+
+TEST(Atlas, TrianglesDoNotTakeAFarImageForTheirNeighboursSake) {
+  // The near image ends between two squares, whose triangles are one cell; the far one, four times coarser, shows both.
+  const PinholeSensor near_camera{200, 150, 120, 120, 99.5, 74.5, {}}, far_camera{200, 150, 30, 30, 99.5, 74.5, {}};
+  const std::vector<ViewSource> sources = {colored_source(near_camera, 10), colored_source(far_camera, 20)};
+  Mesh mesh;
+  append_square(mesh, near_camera, 100, 40, 195, 110, 0);
+  append_square(mesh, near_camera, 195, 40, 240, 110, 1);
+  for (std::size_t i = 2; i < 4; ++i)
+    for (std::uint32_t& v : mesh.triangles[i]) v = v == 4 ? 3 : v == 5 ? 2 : v;
+  Context context(2);
+  texture(mesh, sources, {.equalize = false, .level = false}, context);
+  ASSERT_EQ(std::count(mesh.triangle_page.begin(), mesh.triangle_page.end(), kInvalidIndex), 0);
+  for (const std::size_t i : {0u, 1u}) EXPECT_EQ(blue_of(mesh, i), 10);
+  for (const std::size_t i : {2u, 3u}) EXPECT_EQ(blue_of(mesh, i), 20);
+}
+
+TEST(DepthImage, WhatAJumpHidesIsHiddenUpToTheJump) {
+  // A board in front of the left half of a wall. Visible is still what lies a pixel or two behind the board's edge.
+  const auto board = [](int u) { return u < 10; };
+  DepthImage depth;
+  depth.stride = 2;
+  depth.distance_m = Image<float>(20, 10);
+  depth.is_near_step = Image<std::uint8_t>(20, 10);
+  for (int v = 0; v < 10; ++v)
+    for (int u = 0; u < 20; ++u) {
+      depth.distance_m.at(u, v) = board(u) ? 1.0f : 2.0f;
+      depth.is_near_step.at(u, v) = std::abs(u - 9.5) < 2;
+    }
+  EXPECT_TRUE(depth.is_visible({18.8f, 9}, 2));
+  EXPECT_TRUE(depth.is_hidden({18.8f, 9}, 2));
+  EXPECT_TRUE(depth.is_hidden({10, 9}, 2));
+  EXPECT_FALSE(depth.is_hidden({18.8f, 9}, 1));
+  EXPECT_FALSE(depth.is_hidden({21, 9}, 2));
 }
 
 TEST(Atlas, WhatNoImageShowsContinuesTheColorsAround) {
