@@ -23,23 +23,26 @@ struct ConditionBin {
   double condition, sigma, relative_error;
 };
 
-// Bins of as many samples each, by `mean` of the condition.
+// Bins of about as many samples each, by `mean` of the condition. Those of one condition are never parted.
 template <typename Mean>
 std::vector<ConditionBin> make_condition_bins(std::vector<Conditioned>& samples, const Mean& mean) {
   std::sort(samples.begin(), samples.end(), [](const Conditioned& a, const Conditioned& b) {
     return a.condition != b.condition ? a.condition < b.condition : a.size < b.size;
   });
   std::vector<ConditionBin> bins;
-  const std::size_t n = samples.size(), count = std::max(n / kConditionBins, kFewestPerCondition);
-  for (std::size_t begin = 0; begin + count <= n; begin += count) {
+  const std::size_t n = samples.size(), fewest = std::max(n / kConditionBins, kFewestPerCondition);
+  for (std::size_t begin = 0; begin + fewest <= n;) {
+    std::size_t end = begin + fewest;
+    while (end < n && samples[end].condition == samples[end - 1].condition) ++end;
     std::vector<float> sizes;
     double sum = 0;
-    for (std::size_t i = begin; i < begin + count; ++i) {
+    for (std::size_t i = begin; i < end; ++i) {
       sizes.push_back(samples[i].size);
-      sum += mean(double(samples[i].condition)) / double(count);
+      sum += mean(double(samples[i].condition)) / double(end - begin);
     }
     const double sigma = robust_sigma(sizes);
-    if (sigma > 0) bins.push_back({sum, sigma, std::hypot(kSigmaChance / std::sqrt(double(count)), kSigmaShape)});
+    if (sigma > 0) bins.push_back({sum, sigma, std::hypot(kSigmaChance / std::sqrt(double(end - begin)), kSigmaShape)});
+    begin = end;
   }
   return bins;
 }

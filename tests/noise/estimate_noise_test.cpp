@@ -89,7 +89,7 @@ View with_intensities(View view, const NoiseModel& noise, unsigned seed) {
   view.intensity = Image<std::uint8_t>(view.range.width, view.range.height);
   for (int v = 0; v < view.range.height; ++v)
     for (int u = 0; u < view.range.width; ++u) {
-      view.intensity.at(u, v) = std::uint8_t(20 + 30 * ((u / 50 + v / 45) % 8));
+      view.intensity.at(u, v) = std::uint8_t(20 + 30 * (((u + 31 * int(seed)) / 50 + v / 45) % 8));
       float& r = view.range.at(u, v);
       r += float(normal(rng) * noise.intensity_factor(view.intensity.at(u, v)) * noise.sigma(double(r)));
     }
@@ -100,7 +100,8 @@ TEST(EstimateNoise, DarkSurfacesAreRougherWhereIntensitiesSaySo) {
   const auto scanner = SphericalSensor::from_limits(1000, 450, -std::numbers::pi, std::numbers::pi, 1.5, -1.0);
   const NoiseModel truth{.s0_m = 0.002, .intensity_power = 0.6, .intensity_reference = 100}, none{};
   const View clean = room_view(scanner, none, 1, {});
-  const NoiseModel found = estimate({with_intensities(clean, truth, 2)});
+  const NoiseModel found = estimate({with_intensities(clean, truth, 2), with_intensities(clean, truth, 3),
+                                     with_intensities(clean, truth, 4), with_intensities(clean, truth, 5)});
   EXPECT_NEAR(found.intensity_power, 0.6, 0.06);
   for (const std::uint8_t intensity : {20, 60, 110, 230})
     EXPECT_NEAR(
