@@ -143,7 +143,7 @@ class Integration {
     result_.report.disagreement = survey_disagreement(views_, left, context_);
     overlap_ = options_.overlap;
     if (!(overlap_.registration_error_m > 0))
-      overlap_.registration_error_m = result_.report.disagreement.error.of_view_m();
+      overlap_.registration_error_m = result_.report.disagreement.error.median_m;
     result_.report.registration_error_m = overlap_.registration_error_m;
   }
 

@@ -17,7 +17,7 @@ class Context;
 struct OverlapOptions {
   /// Two surfaces closer than this many standard deviations of their distance are one.
   double noise_factor = 2.5;
-  /// How far views are off by their poses and calibration, metres (estimate_registration_error); widens the tolerance.
+  /// How far two views part by their poses and calibration, metres (estimate_registration_error); widens the tolerance.
   double registration_error_m = 0;
   /// Leave out samples that more than half as many views measured to be empty space as measured a surface there, the
   /// sample's own among them (moved things, phantom surfaces, flying pixels).

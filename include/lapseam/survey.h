@@ -3,7 +3,6 @@
 // What a scene holds and how well its views fit together, before anything is made of it.
 
 #include <cstdint>
-#include <numbers>
 #include <optional>
 #include <span>
 #include <string>
@@ -58,8 +57,6 @@ struct PairSurvey {
 struct RegistrationError {
   double median_m = 0, p90_m = 0;  ///< over the pairs
   std::uint64_t pairs = 0;         ///< that overlap enough to tell
-  /// What one view is off by, where the two of a pair are off by as much, and not together.
-  double of_view_m() const { return median_m / std::numbers::sqrt2; }
 };
 
 /// Which pairs of views disagree, and by how much all together: a badly placed station shows at once.

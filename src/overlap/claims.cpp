@@ -255,8 +255,9 @@ class TileClaims {
     return true;
   }
 
+  // Of one view: what two disagree by is of both.
   float squared_registration() const {
-    return float(options_.registration_error_m) * float(options_.registration_error_m);
+    return 0.5f * float(options_.registration_error_m) * float(options_.registration_error_m);
   }
 
   bool gather(int u, int v) {
