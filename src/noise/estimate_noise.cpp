@@ -142,7 +142,11 @@ NoiseMeasurement measure_noise(std::span<const View* const> views, Context& cont
     for (int pass = 0; pass < kConditionPasses && !found.bins.empty(); ++pass) {
       noise.pointing_rad = fit_pointing(samples.roughness, noise);
       fit_intensity(samples.roughness, noise);
-      if (noise.pointing_rad == 0 && noise.intensity_power == 0) break;
+      if (noise.pointing_rad == 0 && noise.intensity_power == 0) {
+        found = make_bins(samples.roughness, samples.ranges);  // not what was left for a condition that is none
+        noise = fit_noise(found.bins);
+        break;
+      }
       std::vector<Roughness> rest = without_conditions(samples.roughness, noise);
       if (rest.size() < kFewestInAll) break;
       const NoiseModel conditions = noise;
