@@ -31,7 +31,7 @@ SCENES = {
     # The same room, sensor and kind of walk as room_p100, twice as many views.
     "room_walk": Scene("simulate", "room", ("--views", "200", "--format", "png", "--no-color")),
     "laser_100": Scene("simulate", "room", ("--sensor", "laser", "--views", "100", "--format", "png", "--no-color")),
-    "panoramas": Scene("simulate", "room", ("--sensor", "laser", "--views", "4", "--color-size", "4000x2000")),
+    "panoramas": Scene("simulate", "room", ("--sensor", "laser", "--views", "4", "--size", "4000x2000")),
     # For tests of the benchmarks themselves.
     "tiny": Scene("simulate", "sphere", ("--trajectory", "axes", "--views", "6", "--size", "64x48", "--fov", "40",
                                          "--format", "png", "--no-color")),

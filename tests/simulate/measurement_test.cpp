@@ -171,29 +171,28 @@ TEST(Noise, NeighboursAreIndependent) {
   EXPECT_NEAR(down / n / 1e-4, 0, four_sigma);
 }
 
-TEST(Noise, GrowsWithIncidence) {
-  // Parallel rays on a wall turned by 60°: one angle everywhere.
-  const SensorRig rig = make_ortho_rig(300, 300, 1.0);
-  ViewSource view = look_down_from(rig, {0, 0, 3});
+// Parallel rays on a wall turned by 60°: one angle everywhere.
+ViewSource look_aslant() {
+  ViewSource view = look_down_from(make_ortho_rig(300, 300, 1.0), {0, 0, 3});
   view.T_world_view.linear() =
       view.T_world_view.linear() * Eigen::AngleAxisd(std::numbers::pi / 3, Vector3d::UnitX()).toRotationMatrix();
+  return view;
+}
+
+TEST(Noise, GrowsWithIncidence) {
   SensorEffects effects;
   effects.noise = {0.002, 0, 0, 0};
   effects.incidence_1 = 0.5, effects.incidence_2 = 2;
-  const Moments m = residuals(simulate_one(make_wall(), view, effects));
+  const Moments m = residuals(simulate_one(make_wall(), look_aslant(), effects));
   ASSERT_EQ(m.count, 90000u);
   const double angle = std::numbers::pi / 3;
   EXPECT_NEAR(m.sigma / (0.002 * (1 + 0.5 * angle + 2 * angle * angle)), 1, 0.01);
 }
 
 TEST(Noise, OfPointingGrowsWithTheTangent) {
-  const SensorRig rig = make_ortho_rig(300, 300, 1.0);
-  ViewSource view = look_down_from(rig, {0, 0, 3});
-  view.T_world_view.linear() =
-      view.T_world_view.linear() * Eigen::AngleAxisd(std::numbers::pi / 3, Vector3d::UnitX()).toRotationMatrix();
   SensorEffects effects;
   effects.noise = {.s0_m = 0.002, .pointing_rad = 0.0002};
-  const SimulatedView seen = simulate_one(make_wall(), view, effects);
+  const SimulatedView seen = simulate_one(make_wall(), look_aslant(), effects);
   const double range = double(seen.true_range.at(150, 150));
   EXPECT_NEAR(residuals(seen).sigma / std::hypot(0.002, 0.0002 * range * std::sqrt(3.0)), 1, 0.02);
 }
