@@ -25,4 +25,14 @@ std::vector<std::string> range_file_names(const std::vector<ViewSource>& views) 
   return out;
 }
 
+RangeSource written_range(const RangeSource& given, const std::filesystem::path& file, const Sensor& sensor) {
+  RangeSource written;
+  written.format = RangeFormat::kExr;
+  written.file = file;
+  const bool is_spherical = std::holds_alternative<SphericalSensor>(sensor);
+  written.quantity = is_spherical ? RangeQuantity::kDistance : RangeQuantity::kZ;
+  written.intensity_file = given.intensity_file;
+  return written;
+}
+
 }  // namespace lapseam

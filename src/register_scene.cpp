@@ -76,21 +76,15 @@ void write_corrected(const RegisterResult& placed, const std::vector<std::string
     const bool is_unrounded = std::find(unrounded.begin(), unrounded.end(), view.sensor_id) != unrounded.end();
     if (found == placed.corrections.end() && lines.empty() && !is_unrounded) return;
     ViewSource& source = scene.views[loaded.source_index[i]];
-    const std::filesystem::path intensity_file = source.range.intensity_file;
-    source.range = {};
-    source.range.format = RangeFormat::kExr;
-    source.range.file = folder / names[loaded.source_index[i]];
-    source.range.intensity_file = intensity_file;
+    source.range = written_range(source.range, folder / names[loaded.source_index[i]], view.sensor);
     // Steps of whole disparities are no longer told from surfaces when the noise is estimated anew.
     source.noise = noise.of_view[i];
     if (lines.empty()) {
       if (found != placed.corrections.end()) view.range = corrected(view.range, found->second);
-      source.range.quantity = RangeQuantity::kZ;  // only pinhole sensors have ranges corrected
     } else {
       view.sensor = corrected(std::get<SphericalSensor>(view.sensor), lines);
       source.sensor = view.sensor;
       source.sensor_id = view.name;
-      source.range.quantity = RangeQuantity::kDistance;
     }
     write_range_exr(source.range.file, view.range, view.sensor, view.T_world_view);
   });

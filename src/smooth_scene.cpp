@@ -130,13 +130,7 @@ class SceneSmoother {
     write_range_exr(files_[i], result.range, view.sensor, view.T_world_view);
     written.sensor = view.sensor;
     written.noise = noise.scaled(result.remaining_sigma_factor);
-    const fs::path intensity_file = written.range.intensity_file;
-    written.range = {};
-    written.range.format = RangeFormat::kExr;
-    written.range.file = files_[i];
-    written.range.intensity_file = intensity_file;
-    const bool is_spherical = std::holds_alternative<SphericalSensor>(view.sensor);
-    written.range.quantity = is_spherical ? RangeQuantity::kDistance : RangeQuantity::kZ;
+    written.range = written_range(written.range, files_[i], view.sensor);
     return out;
   }
 
