@@ -20,6 +20,9 @@ constexpr int kMostRings = 4;
 // Of the measured surface that is taken away around a hole, the area that may have no surface afterwards.
 constexpr double kMostLost = 0.2;
 
+// So many are worked out before the first of them is made. The same on every machine, for the mesh depends on it.
+constexpr std::size_t kProposals = 512;
+
 /// Begins with its lowest vertex, so that a loop is the same wherever it was met first.
 Loop in_order(Loop loop) {
   std::rotate(loop.begin(), std::min_element(loop.begin(), loop.end()), loop.end());
@@ -52,15 +55,21 @@ void CrackLoops::close(std::size_t longest, const TriangleRule& rule) {
   std::stable_sort(judged.begin(), judged.end(),
                    [](const Judged& a, const Judged& b) { return a.loop.size() < b.loop.size(); });
   report_.crack_loops = std::max<std::uint64_t>(report_.crack_loops, judged.size());
-  for (const Judged& j : judged) {
-    context_.throw_if_cancelled();
-    if (!is_open(j.loop)) continue;  // an earlier loop took an edge
-    relieve(patches_.front());
-    const std::size_t first = mesh_.triangle_count();
-    if (!close_one(j, rule)) continue;
-    ++report_.loops_closed;
-    for (std::size_t t = first; t < mesh_.triangle_count(); ++t)
-      report_.loop_triangles += mesh_.is_alive(std::uint32_t(t));
+  // What many would do is worked out at the same time, on drafts; few get in each other's way.
+  std::vector<Proposal> proposals(kProposals);
+  for (std::size_t begin = 0; begin < judged.size(); begin += kProposals) {
+    const std::size_t count = std::min(kProposals, judged.size() - begin);
+    parallel_for(context_, count, 1, [&](std::size_t i) {
+      proposals[i] = propose(judged[begin + i], rule);
+      relieve(patches_.front());
+    });
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::size_t first = mesh_.triangle_count();
+      if (!close_as_proposed(judged[begin + i], proposals[i], rule)) continue;
+      ++report_.loops_closed;
+      for (std::size_t t = first; t < mesh_.triangle_count(); ++t)
+        report_.loop_triangles += mesh_.is_alive(std::uint32_t(t));
+    }
   }
 }
 
@@ -125,9 +134,52 @@ bool CrackLoops::is_open(const Loop& loop) const {
   return true;
 }
 
+bool CrackLoops::is_hopeless(const Loop& loop, const TriangleRule& rule) const {
+  return hopeless_.contains({rule.fold_cosine, in_order(loop)});
+}
+
+CrackLoops::Proposal CrackLoops::propose(const Judged& judged, const TriangleRule& rule) const {
+  Proposal proposal;
+  if (is_hopeless(judged.loop, rule) || !is_open(judged.loop)) return proposal;
+  LiveMesh draft = LiveMesh::draft_of(mesh_);
+  TriangleCheck check(draft, check_);
+  const Layers layers(draft, check, layers_);
+  CloseCracksReport report;
+  CrackLoops loops(draft, check, layers, witnesses_, patches_, noise_, report, context_);
+  proposal.is_closed = loops.close_one(judged, rule);
+  if (!proposal.is_closed) return proposal;
+  proposal.removed = draft.removed();
+  for (auto t = std::uint32_t(mesh_.triangle_count()); t < draft.triangle_count(); ++t)
+    if (draft.is_alive(t)) proposal.added.push_back(draft.triangle(t));
+  return proposal;
+}
+
+bool CrackLoops::close_as_proposed(const Judged& judged, const Proposal& proposal, const TriangleRule& rule) {
+  if (!is_open(judged.loop)) return false;  // an earlier loop took an edge
+  if (proposal.is_closed && (apply(proposal, rule) || close_one(judged, rule))) return true;
+  hopeless_.insert({rule.fold_cosine, in_order(judged.loop)});
+  return false;
+}
+
+// False, and nothing changes, where an earlier one is in its way.
+bool CrackLoops::apply(const Proposal& proposal, const TriangleRule& rule) {
+  const auto is_alive = [&](std::uint32_t t) { return mesh_.is_alive(t); };
+  if (!std::all_of(proposal.removed.begin(), proposal.removed.end(), is_alive)) return false;
+  const std::size_t first = mesh_.triangle_count();
+  for (const std::uint32_t t : proposal.removed) mesh_.remove(t);
+  for (const Triangle& t : proposal.added) {
+    if (!check_.is_valid(t, rule)) {
+      remove_since(first);
+      for (const std::uint32_t gone : proposal.removed) mesh_.restore(gone);
+      return false;
+    }
+    check_.add(t, TriangleTag::kSeam);
+  }
+  report_.triangles_replaced += proposal.removed.size();
+  return true;
+}
+
 bool CrackLoops::close_one(const Judged& judged, const TriangleRule& rule) {
-  std::pair key(rule.fold_cosine, in_order(judged.loop));
-  if (hopeless_.contains(key)) return false;
   // The same triangles are asked about again and again while triangulations are tried.
   std::map<Triangle, bool> known;
   check_.set_condition([&](const Triangle& t) {
@@ -139,7 +191,6 @@ bool CrackLoops::close_one(const Judged& judged, const TriangleRule& rule) {
       close_loop(mesh_, check_, judged.loop, LoopGoal::kArea, rule, TriangleTag::kSeam, LoopEffort::kQuick) ||
       widen_and_close(judged, rule);
   check_.set_condition({});
-  if (!is_closed) hopeless_.insert(std::move(key));
   return is_closed;
 }
 
@@ -165,7 +216,7 @@ bool CrackLoops::widen_and_close(const Judged& judged, const TriangleRule& rule)
       report_.triangles_replaced += removed.size();
       return true;
     }
-    take_back(first);
+    remove_since(first);
   }
   for (const std::uint32_t t : removed) mesh_.restore(t);
   return false;
@@ -204,7 +255,7 @@ bool CrackLoops::keeps_surface(std::span<const std::uint32_t> removed, std::span
   return lost <= kMostLost * all;
 }
 
-void CrackLoops::take_back(std::size_t first) {
+void CrackLoops::remove_since(std::size_t first) {
   for (auto t = std::uint32_t(first); t < mesh_.triangle_count(); ++t)
     if (mesh_.is_alive(t)) mesh_.remove(t);
 }

@@ -50,12 +50,23 @@ class CrackLoops {
   bool is_confirmed(const Hearing& hearing, float sigma_m) const;
   bool is_contradicted(const Triangle& t, std::span<const std::uint32_t> views) const;
   bool is_open(const Loop& loop) const;
+
+  /// How a loop would be closed.
+  struct Proposal {
+    bool is_closed = false;
+    std::vector<std::uint32_t> removed;
+    std::vector<Triangle> added;
+  };
+  Proposal propose(const Judged& judged, const TriangleRule& rule) const;
+  bool apply(const Proposal& proposal, const TriangleRule& rule);
+  bool close_as_proposed(const Judged& judged, const Proposal& proposal, const TriangleRule& rule);
+  bool is_hopeless(const Loop& loop, const TriangleRule& rule) const;
   bool close_one(const Judged& judged, const TriangleRule& rule);
   bool widen_and_close(const Judged& judged, const TriangleRule& rule);
   std::vector<Loop> outlines_of(std::span<const std::uint32_t> removed) const;
   bool close_all(std::span<const Loop> loops, const TriangleRule& rule);
   bool keeps_surface(std::span<const std::uint32_t> removed, std::span<const std::uint32_t> views) const;
-  void take_back(std::size_t first);
+  void remove_since(std::size_t first);
 
   LiveMesh& mesh_;
   TriangleCheck& check_;

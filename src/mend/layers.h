@@ -23,6 +23,9 @@ class Layers {
   Layers(const LiveMesh& mesh, const TriangleCheck& check, std::span<const float> error_m,
          const OverlapOptions& options)
       : mesh_(mesh), check_(check), error_m_(error_m), options_(options) {}
+  /// The same of a draft of that mesh.
+  Layers(const LiveMesh& draft, const TriangleCheck& check, const Layers& original)
+      : Layers(draft, check, original.error_m_, original.options_) {}
 
   /// Of the least certain corner.
   float error_of(const Triangle& t) const;

@@ -15,38 +15,79 @@ LiveMesh::LiveMesh(Mesh& mesh)
   for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t) link(t);
 }
 
+LiveMesh::LiveMesh(const LiveMesh* original)
+    : mesh_(original->mesh_), original_(original), first_drafted_(std::uint32_t(original->triangle_count())) {}
+
+std::vector<std::uint32_t> LiveMesh::removed() const {
+  std::vector<std::uint32_t> removed(is_removed_.begin(), is_removed_.end());
+  std::sort(removed.begin(), removed.end());
+  return removed;
+}
+
+void LiveMesh::set_head(std::uint32_t v, std::uint32_t corner) {
+  if (original_)
+    changed_head_[v] = corner;
+  else
+    head_[v] = corner;
+}
+
+void LiveMesh::set_next(std::uint32_t corner, std::uint32_t to) {
+  if (!original_)
+    next_[corner] = to;
+  else if (corner / 3 >= first_drafted_)
+    drafted_[corner / 3 - first_drafted_].next[corner % 3] = to;
+  else
+    changed_next_[corner] = to;
+}
+
+void LiveMesh::set_alive(std::uint32_t t, bool is_alive) {
+  if (!original_)
+    alive_[t] = is_alive;
+  else if (t >= first_drafted_)
+    drafted_[t - first_drafted_].is_alive = is_alive;
+  else if (is_alive)
+    is_removed_.erase(t);
+  else
+    is_removed_.insert(t);
+}
+
 void LiveMesh::link(std::uint32_t t) {
   for (std::uint32_t k = 0; k < 3; ++k) {
-    std::uint32_t& head = head_[mesh_.triangles[t][k]];
-    next_[3 * t + k] = head;
-    head = 3 * t + k;
+    const std::uint32_t v = triangle(t)[k];
+    set_next(3 * t + k, head(v));
+    set_head(v, 3 * t + k);
   }
 }
 
 void LiveMesh::unlink(std::uint32_t t) {
   for (std::uint32_t k = 0; k < 3; ++k) {
-    std::uint32_t* link = &head_[mesh_.triangles[t][k]];
-    while (*link != 3 * t + k) link = &next_[*link];
-    *link = next_[3 * t + k];
+    const std::uint32_t v = triangle(t)[k], gone = 3 * t + k, after = next(gone);
+    std::uint32_t before = head(v);
+    if (before == gone) {
+      set_head(v, after);
+      continue;
+    }
+    while (next(before) != gone) before = next(before);
+    set_next(before, after);
   }
 }
 
 std::uint32_t LiveMesh::find(std::uint32_t a, std::uint32_t b) const {
-  for (std::uint32_t corner = head_[a]; corner != kInvalidIndex; corner = next_[corner])
-    if (mesh_.triangles[corner / 3][(corner % 3 + 1) % 3] == b) return corner / 3;
+  for (std::uint32_t corner = head(a); corner != kInvalidIndex; corner = next(corner))
+    if (triangle(corner / 3)[(corner % 3 + 1) % 3] == b) return corner / 3;
   return kInvalidIndex;
 }
 
 std::uint32_t LiveMesh::apex(std::uint32_t t, std::uint32_t a, std::uint32_t b) const {
-  for (const std::uint32_t v : mesh_.triangles[t])
+  for (const std::uint32_t v : triangle(t))
     if (v != a && v != b) return v;
   return kInvalidIndex;
 }
 
 void LiveMesh::open_out(std::uint32_t v, std::vector<std::uint32_t>& out) const {
   out.clear();
-  for (std::uint32_t corner = head_[v]; corner != kInvalidIndex; corner = next_[corner]) {
-    const std::uint32_t to = mesh_.triangles[corner / 3][(corner % 3 + 1) % 3];
+  for (std::uint32_t corner = head(v); corner != kInvalidIndex; corner = next(corner)) {
+    const std::uint32_t to = triangle(corner / 3)[(corner % 3 + 1) % 3];
     if (find(to, v) == kInvalidIndex) out.push_back(to);
   }
   std::sort(out.begin(), out.end());
@@ -54,34 +95,34 @@ void LiveMesh::open_out(std::uint32_t v, std::vector<std::uint32_t>& out) const 
 
 void LiveMesh::open_in(std::uint32_t v, std::vector<std::uint32_t>& in) const {
   in.clear();
-  for (std::uint32_t corner = head_[v]; corner != kInvalidIndex; corner = next_[corner]) {
-    const std::uint32_t from = mesh_.triangles[corner / 3][(corner % 3 + 2) % 3];
+  for (std::uint32_t corner = head(v); corner != kInvalidIndex; corner = next(corner)) {
+    const std::uint32_t from = triangle(corner / 3)[(corner % 3 + 2) % 3];
     if (find(v, from) == kInvalidIndex) in.push_back(from);
   }
   std::sort(in.begin(), in.end());
 }
 
 bool LiveMesh::is_on_border(std::uint32_t v) const {
-  for (std::uint32_t corner = head_[v]; corner != kInvalidIndex; corner = next_[corner])
-    if (find(mesh_.triangles[corner / 3][(corner % 3 + 1) % 3], v) == kInvalidIndex) return true;
+  for (std::uint32_t corner = head(v); corner != kInvalidIndex; corner = next(corner))
+    if (find(triangle(corner / 3)[(corner % 3 + 1) % 3], v) == kInvalidIndex) return true;
   return false;
 }
 
 std::size_t LiveMesh::count_fans(std::uint32_t v) const {
   std::size_t corners = 0, open = 0, reached = 0;
-  for (std::uint32_t corner = head_[v]; corner != kInvalidIndex; corner = next_[corner]) {
+  for (std::uint32_t corner = head(v); corner != kInvalidIndex; corner = next(corner)) {
     ++corners;
-    open += find(mesh_.triangles[corner / 3][(corner % 3 + 1) % 3], v) == kInvalidIndex;
+    open += find(triangle(corner / 3)[(corner % 3 + 1) % 3], v) == kInvalidIndex;
   }
   if (corners == 0 || open > 1) return corners == 0 ? 0 : open;
   // At most one open fan: whatever a walk from it does not reach is a closed one.
-  std::uint32_t t = head_[v] / 3;
-  for (std::uint32_t corner = head_[v]; corner != kInvalidIndex; corner = next_[corner])
-    if (find(mesh_.triangles[corner / 3][(corner % 3 + 1) % 3], v) == kInvalidIndex) t = corner / 3;
+  std::uint32_t t = head(v) / 3;
+  for (std::uint32_t corner = head(v); corner != kInvalidIndex; corner = next(corner))
+    if (find(triangle(corner / 3)[(corner % 3 + 1) % 3], v) == kInvalidIndex) t = corner / 3;
   const std::uint32_t first = t;
   do {
     ++reached;
-    const Triangle& c = mesh_.triangles[t];
+    const Triangle& c = triangle(t);
     const std::size_t k = c[0] == v ? 0 : c[1] == v ? 1 : 2;
     t = find(v, c[(k + 2) % 3]);
   } while (t != kInvalidIndex && t != first && reached < corners);
@@ -95,8 +136,9 @@ Eigen::Vector3d LiveMesh::area_normal(const Triangle& t) const {
 
 void LiveMesh::remove(std::uint32_t t) {
   unlink(t);
-  alive_[t] = 0;
-  const Triangle& c = mesh_.triangles[t];
+  set_alive(t, false);
+  if (original_) return;
+  const Triangle& c = triangle(t);
   for (std::size_t k = 0; k < 3; ++k) {
     cut_.insert(key(c[(k + 1) % 3], c[k]));
     is_touched_[c[k]] = 1;
@@ -104,12 +146,16 @@ void LiveMesh::remove(std::uint32_t t) {
 }
 
 void LiveMesh::restore(std::uint32_t t) {
-  alive_[t] = 1;
+  set_alive(t, true);
   link(t);
 }
 
-std::uint32_t LiveMesh::add(const Triangle& t, TriangleTag tag) {
-  const auto id = std::uint32_t(mesh_.triangles.size());
+std::uint32_t LiveMesh::append(const Triangle& t, TriangleTag tag) {
+  const auto id = std::uint32_t(triangle_count());
+  if (original_) {
+    drafted_.push_back({t, tag, true, {}});
+    return id;
+  }
   mesh_.triangles.push_back(t);
   mesh_.triangle_tag.push_back(tag);
   if (!mesh_.triangle_view.empty()) {
@@ -120,11 +166,16 @@ std::uint32_t LiveMesh::add(const Triangle& t, TriangleTag tag) {
   }
   alive_.push_back(1);
   next_.resize(next_.size() + 3, kInvalidIndex);
-  link(id);
   for (std::size_t k = 0; k < 3; ++k) {
     cut_.insert(key(t[k], t[(k + 1) % 3]));
     is_touched_[t[k]] = 1;
   }
+  return id;
+}
+
+std::uint32_t LiveMesh::add(const Triangle& t, TriangleTag tag) {
+  const std::uint32_t id = append(t, tag);
+  link(id);
   return id;
 }
 

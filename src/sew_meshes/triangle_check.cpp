@@ -127,7 +127,7 @@ bool TriangleCheck::is_clear(const Triangle& t, const TriangleRule& rule) const 
 
 std::vector<std::uint32_t> TriangleCheck::find_near(const Box& box) const {
   std::vector<std::uint32_t> near;
-  boxes_.find(box, [&](std::uint32_t id) {
+  find_boxes(box, [&](std::uint32_t id) {
     if (mesh_.is_alive(id)) near.push_back(id);
     return false;
   });

@@ -30,6 +30,9 @@ class TriangleCheck {
  public:
   /// vertex_normals: of the surface, unit or zero; empty where no rule asks for facing.
   TriangleCheck(LiveMesh& mesh, std::span<const Eigen::Vector3f> vertex_normals, Context& context);
+  /// Of a draft of that mesh; the mesh's own check must outlive it and stay as it is.
+  TriangleCheck(LiveMesh& draft, const TriangleCheck& original)
+      : mesh_(draft), normals_(original.normals_), original_(&original) {}
 
   /// A further condition for is_valid, asked before the costly ones.
   void set_condition(std::function<bool(const Triangle&)> condition) { condition_ = std::move(condition); }
@@ -44,7 +47,7 @@ class TriangleCheck {
   /// returns whether it did.
   template <class Visit>
   bool is_any_near(const Box& box, const Visit& visit) const {
-    return boxes_.find(box, [&](std::uint32_t id) { return mesh_.is_alive(id) && visit(mesh_.triangle(id)); });
+    return find_boxes(box, [&](std::uint32_t id) { return mesh_.is_alive(id) && visit(mesh_.triangle(id)); });
   }
   /// Living triangles whose boxes overlap the box.
   std::vector<std::uint32_t> find_near(const Box& box) const;
@@ -52,13 +55,17 @@ class TriangleCheck {
   std::uint32_t add(const Triangle& t, TriangleTag tag);
 
  private:
-  bool do_meet(const Triangle& t, const Triangle& s) const;
+  template <class Visit>
+  bool find_boxes(const Box& box, const Visit& visit) const {
+    return (original_ && original_->boxes_.find(box, visit)) || boxes_.find(box, visit);
+  }
   bool does_overlap(const Triangle& t, const Triangle& s, const Eigen::Vector3d& normal,
                     const TriangleRule& rule) const;
 
   LiveMesh& mesh_;
   std::span<const Eigen::Vector3f> normals_;
-  BoxForest boxes_;
+  const TriangleCheck* original_ = nullptr;  // of a draft
+  BoxForest boxes_;                          // of a draft: of what it adds
   std::function<bool(const Triangle&)> condition_;
 };
 
