@@ -27,6 +27,8 @@ constexpr double kEarlyShare = 0.4;
 // Closing cracks adds triangles to a count that is asked for.
 constexpr double kShareBeforeClosing = 0.97;
 constexpr std::size_t kTrianglesBetweenThinnings = 200'000;
+// The same on every machine, for the mesh depends on it.
+constexpr std::size_t kMostTurnsAtOnce = 8;
 
 // Bytes for a pixel of a view: range, cells, confidence, incidence, claim.
 constexpr std::uint64_t kViewBytes = 8;
@@ -237,23 +239,37 @@ class Integration {
     }
     for (std::size_t i = 0; i < patches_.size(); ++i) seal_view(patches_[i], claims[i]);
     StageScope stage(context_, "sew", 2 * patches_.size());
+    const std::vector<std::vector<std::uint32_t>> groups = group_views();
     Zipper zipper(patches_, overlap_);
+    const auto turns_of = [&](const std::vector<std::uint32_t>& group, Claim least) {
+      std::vector<ZipperTurn> turns;
+      for (const std::uint32_t i : group) {
+        check_view(patches_[i], claims[i]);
+        turns.push_back({i, wanted_of(claims[i], least)});
+      }
+      return turns;
+    };
     std::size_t most_triangles = kTrianglesBetweenThinnings;
-    for (std::size_t i = 0; i < patches_.size(); ++i) {
-      check_view(patches_[i], claims[i]);
-      zipper.add(std::uint32_t(i), wanted_of(claims[i], Claim::kBest), context_);
-      stage.advance();
-      if (zipper.mesh().triangle_count() < most_triangles && i + 1 < patches_.size()) continue;
+    for (const auto& group : groups) {
+      zipper.add(turns_of(group, Claim::kBest), context_);
+      stage.advance(group.size());
+      if (zipper.mesh().triangle_count() < most_triangles && &group != &groups.back()) continue;
       thin(zipper);
       most_triangles = zipper.mesh().triangle_count() * 5 / 4 + kTrianglesBetweenThinnings;
     }
-    for (std::size_t i = 0; i < patches_.size(); ++i) {
-      check_view(patches_[i], claims[i]);
-      zipper.revisit(std::uint32_t(i), wanted_of(claims[i], Claim::kYields), context_);
-      stage.advance();
+    for (const auto& group : groups) {
+      zipper.revisit(turns_of(group, Claim::kYields), context_);
+      stage.advance(group.size());
     }
     result_.report.zipper = zipper.report();
     result_.mesh = zipper.take();
+  }
+
+  // Views that see nothing in common take their turns at the same time.
+  std::vector<std::vector<std::uint32_t>> group_views() const {
+    std::vector<std::array<std::uint32_t, 2>> overlapping;
+    for (const PairSurvey& pair : result_.report.disagreement.pairs) overlapping.push_back({pair.a, pair.b});
+    return group_turns(std::uint32_t(patches_.size()), overlapping, kMostTurnsAtOnce);
   }
 
   void thin(Zipper& zipper) {

@@ -102,7 +102,7 @@ Mesh sewn(Context& context) {
     for (std::uint32_t i = 0; i < kViews; ++i) {
       Image<std::uint8_t> wanted = claims()[i];
       for (std::uint8_t& c : wanted.pixels) c = c == std::uint8_t(Claim::kBest) || c == std::uint8_t(least);
-      zipper.add(i, wanted, context);
+      zipper.add({i, wanted}, context);
     }
   return zipper.take();
 }

@@ -4,6 +4,7 @@
 // of what is already there are triangulated together, so that nothing overlaps and no gap stays. After Turk & Levoy
 // 1994, §4 (clipping one border against the other), and Sun, Dumont, Abidi 2000, §2.3.
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -23,6 +24,18 @@ struct ZipperReport {
   std::uint64_t open_edges = 0;          ///< of the model, at the end
 };
 
+/// One view's turn at the growing mesh.
+struct ZipperTurn {
+  std::uint32_t view = 0;      ///< index of its patch
+  Image<std::uint8_t> wanted;  ///< one per pixel; 0: samples that are not to be added
+};
+
+/// Every view once, in groups of at most `largest` in which no two views overlap; the first of a group is the first
+/// that is left. `overlapping`: pairs of views that see something in common, in any order. Deterministic.
+std::vector<std::vector<std::uint32_t>> group_turns(std::uint32_t views,
+                                                    std::span<const std::array<std::uint32_t, 2>> overlapping,
+                                                    std::size_t largest);
+
 /// Grows a mesh from patches. No two triangles that one view can see overlap in its image; every edge has at most two
 /// triangles, in opposite directions; new triangles face the view that added them.
 class Zipper {
@@ -31,13 +44,17 @@ class Zipper {
   Zipper(std::span<const Patch> patches, const OverlapOptions& options);
   ~Zipper();
 
-  /// Adds the samples of patch `index` for which wanted is not 0 (one per pixel) wherever the model does not cover
-  /// them, and closes what gaps between them and the model, and within the model, the view measured as surface. May be
-  /// called again for the same view.
-  void add(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context);
+  /// For each turn, adds the samples that are wanted wherever the model does not cover them, and closes what gaps
+  /// between them and the model, and within the model, the view measured as surface. A view may come again.
+  ///
+  /// All turns are worked out at the same time, in the model as it is: make them of views that see nothing in common
+  /// (see group_turns). Those that get in each other's way are made one after another. Deterministic.
+  void add(std::span<const ZipperTurn> turns, Context& context);
+  void add(const ZipperTurn& turn, Context& context) { add({&turn, 1}, context); }
 
   /// As add, but only around the model's border: what is left open is closed by whichever view saw it.
-  void revisit(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context);
+  void revisit(std::span<const ZipperTurn> turns, Context& context);
+  void revisit(const ZipperTurn& turn, Context& context) { revisit({&turn, 1}, context); }
 
   const Mesh& mesh() const;
   /// Goes on with another mesh: one of the same provenance, for fewer triangles.

@@ -151,7 +151,7 @@ bool GapFaces::has_edge_of_model(const Face& face) const {
     if (face.constrained >> k & 1) continue;
     const Point &p = points_[face.corner[(k + 1) % 3]], &q = points_[face.corner[(k + 2) % 3]];
     if (p.vertex != kInvalidIndex && q.vertex != kInvalidIndex &&
-        in_.model.border_edges.count(undirected(p.vertex, q.vertex)))
+        in_.model.border_edges.contains(undirected(p.vertex, q.vertex)))
       return true;
   }
   return false;

@@ -2,6 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
+#include <unordered_set>
 
 #include "core/parallel.h"
 #include "patch/by_view.h"
@@ -19,6 +21,50 @@ CoarseNormal normal_at(const Patch& patch, std::size_t pixel) {
   return (normal * 127).array().round().matrix().cast<std::int8_t>();
 }
 
+// Bits of x in every third place.
+std::uint64_t spread(std::uint64_t x) {
+  x = (x | x << 32) & 0x001F00000000FFFF;
+  x = (x | x << 16) & 0x001F0000FF0000FF;
+  x = (x | x << 8) & 0x100F00F00F00F00F;
+  x = (x | x << 4) & 0x10C30C30C30C30C3;
+  return (x | x << 2) & 0x1249249249249249;
+}
+
+// Triangles along Morton's curve through space: those that follow each other are near each other.
+template <typename PositionOf>
+std::vector<std::uint32_t> sorted_in_space(std::span<const Triangle> triangles, const PositionOf& position,
+                                           Context& context) {
+  constexpr float kSteps = 1 << 10;
+  struct Place {
+    std::uint32_t code, triangle;
+    auto operator<=>(const Place&) const = default;
+  };
+  const auto middle = [&](const Triangle& t) -> Eigen::Vector3f {
+    return (position(t[0]) + position(t[1]) + position(t[2])) / 3;
+  };
+  Eigen::AlignedBox3f box;
+  for (const Triangle& t : triangles) box.extend(middle(t));
+  const float scale = triangles.empty() ? 0.0f : (kSteps - 1) / std::max(box.sizes().maxCoeff(), 1e-9f);
+  std::vector<Place> places(triangles.size());
+  for (std::uint32_t t = 0; t < places.size(); ++t) {
+    const Eigen::Vector3f at = scale * (middle(triangles[t]) - box.min());
+    places[t] = {std::uint32_t(spread(std::uint64_t(at.x())) | spread(std::uint64_t(at.y())) << 1 |
+                               spread(std::uint64_t(at.z())) << 2),
+                 t};
+  }
+  parallel_sort(context, places.begin(), places.end(), std::less<>());
+  std::vector<std::uint32_t> order(places.size());
+  std::transform(places.begin(), places.end(), order.begin(), [](const Place& place) { return place.triangle; });
+  return order;
+}
+
+template <typename T>
+void reorder(std::vector<T>& values, const std::vector<std::uint32_t>& order) {
+  std::vector<T> sorted(order.size());
+  std::transform(order.begin(), order.end(), sorted.begin(), [&](std::uint32_t i) { return values[i]; });
+  values = std::move(sorted);
+}
+
 }  // namespace
 
 bool is_before(const OpenEdge& x, const OpenEdge& y) {
@@ -26,42 +72,148 @@ bool is_before(const OpenEdge& x, const OpenEdge& y) {
   return kx != ky ? kx < ky : x.triangle < y.triangle;
 }
 
-std::uint32_t GrownModel::add_vertex(std::uint32_t view, std::size_t pixel, const Eigen::Vector3f& position_m) {
-  const auto id = std::uint32_t(mesh.positions_m.size());
-  mesh.positions_m.push_back(position_m);
-  mesh.vertex_view.push_back(view);
-  mesh.vertex_pixel.push_back(std::uint32_t(pixel));
-  error_m.push_back(expected_error_m(patches[view], pixel));
-  normal.push_back(normal_at(patches[view], pixel));
-  return id;
+std::uint32_t ModelAddition::add_vertex(std::size_t pixel, const Eigen::Vector3f& position_m) {
+  positions_m.push_back(position_m);
+  pixels.push_back(std::uint32_t(pixel));
+  return first_vertex + std::uint32_t(positions_m.size() - 1);
 }
 
-void GrownModel::add_triangle(const Triangle& triangle, TriangleTag tag, std::uint32_t view) {
-  mesh.triangles.push_back(triangle);
-  mesh.triangle_tag.push_back(tag);
-  mesh.triangle_view.push_back(view);
+std::uint32_t ModelAddition::add_triangle(const Triangle& triangle, TriangleTag tag) {
+  triangles.push_back(triangle);
+  tags.push_back(tag);
+  return std::uint32_t(triangles.size() - 1);
+}
+
+void ModelAddition::finish(const GrownModel& model, Context& context) {
+  const Patch& patch = model.patches[view];
+  error_m.resize(pixels.size());
+  normal.resize(pixels.size());
+  parallel_for(context, pixels.size(), 1024, [&](std::size_t i) {
+    error_m[i] = expected_error_m(patch, pixels[i]);
+    normal[i] = normal_at(patch, pixels[i]);
+  });
+  const std::vector<std::uint32_t> order = sorted_in_space(
+      triangles,
+      [&](std::uint32_t v) -> const Eigen::Vector3f& {
+        return is_own(v) ? positions_m[v - first_vertex] : model.mesh.positions_m[v];
+      },
+      context);
+  std::vector<std::uint32_t> place(order.size());
+  for (std::uint32_t i = 0; i < order.size(); ++i) place[order[i]] = i;
+  for (OpenEdge& side : sides) side.triangle = place[side.triangle];
+  reorder(triangles, order);
+  reorder(tags, order);
+  std::sort(chords.begin(), chords.end());
+  chords.erase(std::unique(chords.begin(), chords.end()), chords.end());
+}
+
+std::vector<std::uint8_t> GrownModel::accept(std::span<ModelAddition> additions) {
+  std::vector<std::uint8_t> is_accepted(additions.size(), 0), is_closed(open.size(), 0);
+  std::vector<OpenEdge> sides, still_open;
+  for (std::size_t i = 0; i < additions.size(); ++i) {
+    ModelAddition& addition = additions[i];
+    if (i > 0 && is_in_the_way(addition, is_closed)) continue;
+    is_accepted[i] = 1;
+    append(addition);
+    for (const std::uint32_t place : addition.closed) {
+      is_closed[place] = 1;
+      sides.push_back(open[place]);
+    }
+    sides.insert(sides.end(), addition.sides.begin(), addition.sides.end());
+    for (const OpenEdge& side : addition.sides) addition.chords.push_back(undirected(side.a, side.b));
+    border_edges.add(std::move(addition.chords));
+  }
+  still_open.reserve(open.size() + sides.size());
+  for (std::size_t i = 0; i < open.size(); ++i)
+    if (!is_closed[i]) still_open.push_back(open[i]);
+  std::sort(sides.begin(), sides.end(), is_before);
+  for (std::size_t i = 0; i < sides.size();) {
+    const std::uint64_t key = undirected(sides[i].a, sides[i].b);
+    std::size_t end = i + 1;
+    while (end < sides.size() && undirected(sides[end].a, sides[end].b) == key) ++end;
+    if (end == i + 1) still_open.push_back(sides[i]);
+    i = end;
+  }
+  open = std::move(still_open);
+  return is_accepted;
+}
+
+// An edge between two vertices of the model that is none of its borders was not there when the addition was made.
+bool GrownModel::is_in_the_way(const ModelAddition& addition, const std::vector<std::uint8_t>& is_closed) const {
+  std::unordered_set<std::uint64_t> walls;  // membership only
+  for (const std::uint32_t place : addition.closed) {
+    if (is_closed[place]) return true;
+    walls.insert(undirected(open[place].a, open[place].b));
+  }
+  return std::any_of(addition.sides.begin(), addition.sides.end(), [&](const OpenEdge& side) {
+    const std::uint64_t key = undirected(side.a, side.b);
+    return !addition.is_own(side.a) && !addition.is_own(side.b) && !walls.contains(key) && border_edges.contains(key);
+  });
+}
+
+// Earlier additions may have moved where its vertices go.
+void GrownModel::append(ModelAddition& addition) {
+  const auto moved_by = std::uint32_t(mesh.vertex_count()) - addition.first_vertex;
+  const auto moved = [&](std::uint32_t v) { return addition.is_own(v) ? v + moved_by : v; };
+  const auto append_all = [](auto& to, const auto& from) { to.insert(to.end(), from.begin(), from.end()); };
+  append_all(mesh.positions_m, addition.positions_m);
+  append_all(mesh.vertex_pixel, addition.pixels);
+  append_all(error_m, addition.error_m);
+  append_all(normal, addition.normal);
+  mesh.vertex_view.resize(mesh.vertex_count(), addition.view);
+  for (Triangle& t : addition.triangles)
+    for (std::uint32_t& v : t) v = moved(v);
+  const std::size_t first = mesh.triangle_count();
+  append_all(mesh.triangles, addition.triangles);
+  append_all(mesh.triangle_tag, addition.tags);
+  mesh.triangle_view.resize(mesh.triangle_count(), addition.view);
+  for (const TriangleTag tag : addition.tags)
+    ++(tag == TriangleTag::kSeam ? report.seam_triangles : report.measured_triangles);
+  for (OpenEdge& side : addition.sides) side = {moved(side.a), moved(side.b), std::uint32_t(first) + side.triangle};
+  for (std::uint64_t& chord : addition.chords)
+    chord = undirected(moved(std::uint32_t(chord >> 32)), moved(std::uint32_t(chord)));
+  add_chunks(first);
 }
 
 // Everything that is known of the border, from the triangles alone.
-void GrownModel::find_border(Context& context) {
-  std::vector<OpenEdge> edges;
-  edges.reserve(mesh.triangle_count() * 3);
-  for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t)
-    for (std::size_t k = 0; k < 3; ++k) edges.push_back({mesh.triangles[t][k], mesh.triangles[t][(k + 1) % 3], t});
-  parallel_sort(context, edges.begin(), edges.end(), is_before);
+void GrownModel::find_border() {
+  // Sides by their lower vertex: the few at one are compared with each other.
+  struct Side {
+    std::uint32_t higher, corner;
+  };
+  const auto ends = [&](std::uint32_t corner) {
+    const Triangle& t = mesh.triangles[corner / 3];
+    return std::array{t[corner % 3], t[corner % 3 == 2 ? 0 : corner % 3 + 1]};
+  };
+  const auto corners = std::uint32_t(3 * mesh.triangle_count());
+  std::vector<std::uint32_t> first(mesh.vertex_count() + 1, 0);
+  for (std::uint32_t corner = 0; corner < corners; ++corner) {
+    const auto [a, b] = ends(corner);
+    ++first[std::min(a, b) + 1];
+  }
+  for (std::size_t v = 0; v < mesh.vertex_count(); ++v) first[v + 1] += first[v];
+  std::vector<Side> sides(corners);
+  std::vector<std::uint32_t> next(first.begin(), first.end() - 1);
+  for (std::uint32_t corner = 0; corner < corners; ++corner) {
+    const auto [a, b] = ends(corner);
+    sides[next[std::min(a, b)]++] = {std::max(a, b), corner};
+  }
   open.clear();
   std::vector<std::uint8_t> on_border(mesh.vertex_count(), 0);
-  for (std::size_t i = 0; i < edges.size(); ++i) {
-    const std::uint64_t key = undirected(edges[i].a, edges[i].b);
-    const bool is_paired = (i > 0 && undirected(edges[i - 1].a, edges[i - 1].b) == key) ||
-                           (i + 1 < edges.size() && undirected(edges[i + 1].a, edges[i + 1].b) == key);
-    if (is_paired) continue;
-    open.push_back(edges[i]);
-    on_border[edges[i].a] = on_border[edges[i].b] = 1;
-  }
+  for (std::uint32_t v = 0; v < mesh.vertex_count(); ++v)
+    for (std::uint32_t i = first[v]; i < first[v + 1]; ++i) {
+      const auto begin = sides.begin() + first[v], end = sides.begin() + first[v + 1];
+      if (std::count_if(begin, end, [&](const Side& side) { return side.higher == sides[i].higher; }) != 1) continue;
+      const auto [a, b] = ends(sides[i].corner);
+      open.push_back({a, b, sides[i].corner / 3});
+      on_border[a] = on_border[b] = 1;
+    }
+  std::vector<std::uint64_t> keys;
+  for (std::uint32_t v = 0; v < mesh.vertex_count(); ++v)
+    for (std::uint32_t i = first[v]; on_border[v] && i < first[v + 1]; ++i)
+      if (on_border[sides[i].higher]) keys.push_back(undirected(v, sides[i].higher));
   border_edges.clear();
-  for (const OpenEdge& edge : edges)
-    if (on_border[edge.a] && on_border[edge.b]) border_edges.insert(undirected(edge.a, edge.b));
+  border_edges.add(std::move(keys));
   chunks.clear();
   add_chunks(0);
 }
@@ -80,8 +232,18 @@ void GrownModel::add_chunks(std::size_t begin) {
     chunks.push_back(chunk);
   }
 }
+
+void GrownModel::sort_triangles(Context& context) {
+  const std::vector<std::uint32_t> order = sorted_in_space(
+      mesh.triangles, [&](std::uint32_t v) -> const Eigen::Vector3f& { return mesh.positions_m[v]; }, context);
+  reorder(mesh.triangles, order);
+  reorder(mesh.triangle_tag, order);
+  reorder(mesh.triangle_view, order);
+}
+
 void GrownModel::replace(Mesh replacement, Context& context) {
   mesh = std::move(replacement);
+  sort_triangles(context);
   error_m.resize(mesh.vertex_count());
   normal.resize(mesh.vertex_count());
   const VerticesByView vertices(mesh, patches.size());
@@ -92,7 +254,7 @@ void GrownModel::replace(Mesh replacement, Context& context) {
     }
     relieve(patches[i]);
   });
-  find_border(context);
+  find_border();
 }
 
 Mesh GrownModel::take() {
@@ -103,7 +265,7 @@ Mesh GrownModel::take() {
   normal = {};
   open = {};
   chunks = {};
-  border_edges = {};
+  border_edges.clear();
   return taken;
 }
 

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <unordered_map>
-#include <unordered_set>
 
 #include "core/parallel.h"
 #include "triangulate/adaptive_triangles.h"
@@ -23,26 +22,31 @@ constexpr float kFlatness = 0.3f;
 
 }  // namespace
 
-ViewTurn::ViewTurn(GrownModel& model, std::uint32_t index, const Image<std::uint8_t>& wanted, int shift, Where where,
-                   Context& context)
+ViewTurn::ViewTurn(const GrownModel& model, std::uint32_t index, const Image<std::uint8_t>& wanted, int shift,
+                   Where where, Context& context)
     : model_(model),
       index_(index),
       where_(where),
       context_(context),
       in_(model, index, wanted, shift, where == Where::kBorder),
       covering_(in_),
-      gaps_(in_, covering_) {}
+      gaps_(in_, covering_) {
+  addition_.view = index;
+  addition_.first_vertex = std::uint32_t(model.mesh.vertex_count());
+}
 
-void ViewTurn::run() {
-  if (where_ == Where::kWanted && !in_.focus_on_wanted()) return;
+ModelAddition ViewTurn::run() {
+  if (where_ == Where::kWanted && !in_.focus_on_wanted()) return {};
   find_walls();
-  if (where_ == Where::kBorder && !focus_on_border()) return;
+  if (where_ == Where::kBorder && !focus_on_border()) return {};
   block_out_of_focus();
   mark_walls();
   covering_.mark(context_);
   emit_grid();
   triangulate_gaps();
-  update_border();
+  report_border();
+  addition_.finish(model_, context_);
+  return std::move(addition_);
 }
 
 void ViewTurn::find_walls() {
@@ -164,7 +168,6 @@ void ViewTurn::block(const CanvasPoint& a, const CanvasPoint& b) {
 void ViewTurn::emit_grid() {
   vertex_of_sample_ = Image<std::uint32_t>(in_.width, in_.height, kInvalidIndex);
   emitted_ = Image<std::uint8_t>(in_.width, in_.height, 0);
-  first_new_triangle_ = model_.mesh.triangles.size();
   Image<std::uint8_t> is_full(in_.width, in_.height, 0);
   in_.for_each_in_focus([&](int u, int v) {
     if (!in_.is_cell_in(u, v) || in_.cell.at(u, v)) return;
@@ -185,26 +188,25 @@ void ViewTurn::emit_grid() {
     Triangle corners;
     for (std::size_t k = 0; k < 3; ++k) corners[k] = vertex_of(t[k]);
     if (in_.patch.grid.is_mirrored) std::swap(corners[1], corners[2]);
-    model_.add_triangle(corners, TriangleTag::kMeasured, index_);
+    addition_.add_triangle(corners, TriangleTag::kMeasured);
   }
   in_.for_each_in_focus([&](int u, int v) {
     if (is_full.at(u, v)) return;
     for (int slot = 0; slot < 2; ++slot) {
       if (!is_emitted(u, v, slot)) continue;
       const auto corners = in_.corners_of(u, v, slot);
-      model_.add_triangle({vertex_of(corners[0].x(), corners[0].y()), vertex_of(corners[1].x(), corners[1].y()),
-                           vertex_of(corners[2].x(), corners[2].y())},
-                          TriangleTag::kMeasured, index_);
+      addition_.add_triangle({vertex_of(corners[0].x(), corners[0].y()), vertex_of(corners[1].x(), corners[1].y()),
+                              vertex_of(corners[2].x(), corners[2].y())},
+                             TriangleTag::kMeasured);
     }
   });
-  model_.report.measured_triangles += model_.mesh.triangles.size() - first_new_triangle_;
 }
 
 std::uint32_t ViewTurn::vertex_of(int u, int v) {
   std::uint32_t& id = vertex_of_sample_.at(u, v);
   if (id == kInvalidIndex) {
     const std::size_t pixel = in_.canvas.pixel(u, v);
-    id = model_.add_vertex(index_, pixel, in_.canvas.position(pixel));
+    id = addition_.add_vertex(pixel, in_.canvas.position(pixel));
   }
   return id;
 }
@@ -293,12 +295,27 @@ void ViewTurn::find_border_triangles() {
   const auto key = [](std::uint32_t a, std::uint32_t b) { return std::uint64_t(a) << 32 | b; };
   std::unordered_map<std::uint64_t, std::size_t> at;
   at.reserve(new_border_.size());
-  for (std::size_t i = 0; i < new_border_.size(); ++i) at.emplace(key(new_border_[i].a, new_border_[i].b), i);
-  for (std::size_t t = first_new_triangle_; t < model_.mesh.triangles.size(); ++t)
+  on_border_.assign(addition_.pixels.size(), 0);
+  for (std::size_t i = 0; i < new_border_.size(); ++i) {
+    at.emplace(key(new_border_[i].a, new_border_[i].b), i);
+    on_border_[new_border_[i].a - addition_.first_vertex] = 1;
+  }
+  for (std::size_t t = 0; t < addition_.triangles.size(); ++t)
     for (std::size_t k = 0; k < 3; ++k) {
-      const auto found = at.find(key(model_.mesh.triangles[t][k], model_.mesh.triangles[t][(k + 1) % 3]));
+      const Triangle& corners = addition_.triangles[t];
+      if (!is_on_border(corners, k)) continue;
+      const auto found = at.find(key(corners[k], corners[(k + 1) % 3]));
       if (found != at.end()) new_border_[found->second].triangle = std::uint32_t(t);
     }
+}
+
+// Both ends of the edge from corner k.
+bool ViewTurn::is_on_border(const Triangle& t, std::size_t k) const {
+  const auto is_end = [&](std::uint32_t v) {
+    const std::size_t own = v - addition_.first_vertex;
+    return addition_.is_own(v) && own < on_border_.size() && on_border_[own];
+  };
+  return is_end(t[k]) && is_end(t[(k + 1) % 3]);
 }
 
 // A sample that could not be part of a grid triangle, because of the model's border or of samples not wanted.
@@ -315,46 +332,18 @@ void ViewTurn::add_face(const std::array<std::uint32_t, 3>& corners) {
   for (std::size_t k = 0; k < 3; ++k) {
     const GapFaces::Point& point = gaps_.points()[corners[k]];
     t[k] = point.vertex != kInvalidIndex ? point.vertex : vertex_of(point.sample);
-    is_own &= model_.mesh.vertex_view[t[k]] == index_;
+    is_own &= addition_.is_own(t[k]) || model_.mesh.vertex_view[t[k]] == index_;
   }
-  const auto id = std::uint32_t(model_.mesh.triangles.size());
-  model_.add_triangle(t, is_own ? TriangleTag::kMeasured : TriangleTag::kSeam, index_);
-  ++(is_own ? model_.report.measured_triangles : model_.report.seam_triangles);
-  for (std::size_t k = 0; k < 3; ++k) filled_edges_.push_back({t[k], t[(k + 1) % 3], id});
+  const std::uint32_t id = addition_.add_triangle(t, is_own ? TriangleTag::kMeasured : TriangleTag::kSeam);
+  for (std::size_t k = 0; k < 3; ++k) addition_.sides.push_back({t[k], t[(k + 1) % 3], id});
 }
 
-void ViewTurn::update_border() {
-  std::vector<OpenEdge> edges;
-  std::vector<std::uint8_t> is_wall(model_.open.size(), 0);
-  for (const Wall& wall : walls_) is_wall[wall.open] = 1;
-  std::vector<OpenEdge> still_open;
-  still_open.reserve(model_.open.size() + new_border_.size());
-  for (std::size_t i = 0; i < model_.open.size(); ++i) (is_wall[i] ? edges : still_open).push_back(model_.open[i]);
-  edges.insert(edges.end(), new_border_.begin(), new_border_.end());
-  edges.insert(edges.end(), filled_edges_.begin(), filled_edges_.end());
-  std::sort(edges.begin(), edges.end(), is_before);
-  for (std::size_t i = 0; i < edges.size();) {
-    const std::uint64_t key = undirected(edges[i].a, edges[i].b);
-    std::size_t end = i + 1;
-    while (end < edges.size() && undirected(edges[end].a, edges[end].b) == key) ++end;
-    if (end == i + 1) still_open.push_back(edges[i]);
-    model_.border_edges.insert(key);
-    i = end;
-  }
-  model_.open = std::move(still_open);
-  model_.add_chunks(first_new_triangle_);
-  remember_chords();
-}
-
-// Grid edges between two samples that both lie on the border of what was added.
-void ViewTurn::remember_chords() {
-  std::unordered_set<std::uint32_t> on_border;
-  for (const OpenEdge& edge : new_border_) on_border.insert(edge.a);
-  for (std::size_t t = first_new_triangle_; t < model_.mesh.triangles.size(); ++t)
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint32_t a = model_.mesh.triangles[t][k], b = model_.mesh.triangles[t][(k + 1) % 3];
-      if (on_border.count(a) && on_border.count(b)) model_.border_edges.insert(undirected(a, b));
-    }
+void ViewTurn::report_border() {
+  for (const Wall& wall : walls_) addition_.closed.push_back(wall.open);
+  addition_.sides.insert(addition_.sides.end(), new_border_.begin(), new_border_.end());
+  for (const Triangle& t : addition_.triangles)
+    for (std::size_t k = 0; k < 3; ++k)
+      if (is_on_border(t, k)) addition_.chords.push_back(undirected(t[k], t[(k + 1) % 3]));
 }
 
 }  // namespace lapseam

@@ -1,7 +1,8 @@
 #pragma once
 
 // What one view adds to the model: samples that the model lacks, and what closes the gaps that the view measured as
-// surface.
+// surface. The model itself is left as it is, so that views which have nothing to do with each other find theirs at the
+// same time.
 
 #include <cstdint>
 #include <unordered_map>
@@ -24,9 +25,9 @@ enum class Where : std::uint8_t {
 class ViewTurn {
  public:
   /// Image columns are turned by `shift`, see ViewCanvas.
-  ViewTurn(GrownModel& model, std::uint32_t index, const Image<std::uint8_t>& wanted, int shift, Where where,
+  ViewTurn(const GrownModel& model, std::uint32_t index, const Image<std::uint8_t>& wanted, int shift, Where where,
            Context& context);
-  void run();
+  ModelAddition run();
 
  private:
   enum class WallKind : std::uint8_t { kElsewhere, kWall, kBlocked };
@@ -60,14 +61,14 @@ class ViewTurn {
   std::uint32_t gap_point_of_wall(std::uint32_t vertex, const CanvasPoint& at);
   std::uint32_t gap_point_of(int u, int v);
   void find_border_triangles();
+  bool is_on_border(const Triangle& t, std::size_t k) const;
   bool touches_gap(int u, int v) const;
   void add_face(const std::array<std::uint32_t, 3>& corners);
 
   // ---- which edges are open now
-  void update_border();
-  void remember_chords();
+  void report_border();
 
-  GrownModel& model_;
+  const GrownModel& model_;
   std::uint32_t index_;
   Where where_;
   Context& context_;
@@ -78,8 +79,9 @@ class ViewTurn {
   Image<std::uint32_t> vertex_of_sample_, gap_point_of_sample_;
   std::unordered_map<std::uint32_t, std::uint32_t> gap_point_of_vertex_;
   std::vector<Wall> walls_, blocked_;
-  std::vector<OpenEdge> new_border_, filled_edges_;
-  std::size_t first_new_triangle_ = 0;
+  std::vector<OpenEdge> new_border_;
+  std::vector<std::uint8_t> on_border_;  // of own vertices: whether they are on that
+  ModelAddition addition_;
 };
 
 }  // namespace lapseam

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "core/parallel.h"
 #include "sew/grown_model.h"
 #include "sew/view_turn.h"
 
@@ -16,13 +17,25 @@ struct Zipper::Impl {
   GrownModel model;
   std::vector<std::uint8_t> times_added;
 
-  void add(std::uint32_t index, const Image<std::uint8_t>& wanted, Where where, Context& context) {
-    const PatchGrid& grid = model.patches[index].grid;
-    if (grid.width < 2 || grid.height < 2) return;  // no cell, no triangle
+  ModelAddition find(const ZipperTurn& turn, Where where, Context& context) const {
+    const PatchGrid& grid = model.patches[turn.view].grid;
+    if (grid.width < 2 || grid.height < 2) return {};  // no cell, no triangle
     // A panorama is cut somewhere; every second time on the other side, so that the cut is closed too.
-    const bool turns = grid.wraps && (times_added[index] & 1);
-    ++times_added[index];
-    ViewTurn(model, index, wanted, turns ? grid.width / 2 : 0, where, context).run();
+    const bool turns = grid.wraps && (times_added[turn.view] & 1);
+    return ViewTurn(model, turn.view, turn.wanted, turns ? grid.width / 2 : 0, where, context).run();
+  }
+
+  void add(std::span<const ZipperTurn> turns, Where where, Context& context) {
+    std::vector<ModelAddition> additions(turns.size());
+    parallel_for(context, turns.size(), 1, [&](std::size_t i) { additions[i] = find(turns[i], where, context); });
+    const std::vector<std::uint8_t> is_accepted = model.accept(additions);
+    for (std::size_t i = 0; i < turns.size(); ++i) {
+      if (!is_accepted[i]) {
+        additions[i] = find(turns[i], where, context);
+        model.accept({&additions[i], 1});
+      }
+      ++times_added[turns[i].view];
+    }
   }
 };
 
@@ -39,12 +52,10 @@ Zipper::Zipper(std::span<const Patch> patches, const OverlapOptions& options) : 
 }
 Zipper::~Zipper() = default;
 
-void Zipper::add(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context) {
-  impl_->add(index, wanted, Where::kWanted, context);
-}
+void Zipper::add(std::span<const ZipperTurn> turns, Context& context) { impl_->add(turns, Where::kWanted, context); }
 
-void Zipper::revisit(std::uint32_t index, const Image<std::uint8_t>& wanted, Context& context) {
-  impl_->add(index, wanted, Where::kBorder, context);
+void Zipper::revisit(std::span<const ZipperTurn> turns, Context& context) {
+  impl_->add(turns, Where::kBorder, context);
 }
 
 void Zipper::replace_mesh(Mesh mesh, Context& context) { impl_->model.replace(std::move(mesh), context); }

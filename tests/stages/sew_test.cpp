@@ -41,7 +41,7 @@ TEST(Zipper, WantedSamplesOnly) {
   for (int v = 30; v < 70; ++v)
     for (int u = 20; u < 100; ++u) wanted.at(u, v) = 1;
   Zipper zipper(patches, {});
-  zipper.add(0, wanted, context);
+  zipper.add({0, wanted}, context);
   for (std::size_t i = 0; i < zipper.mesh().vertex_count(); ++i)
     EXPECT_TRUE(wanted.pixels[zipper.mesh().vertex_pixel[i]]);
   double area = 0;
@@ -60,7 +60,7 @@ TEST(Zipper, StepsAndInvalidSamplesStayOpen) {
   Context context(2);
   const auto patches = two_views_of(scene, context);
   Zipper zipper(patches, {});
-  for (const std::uint32_t i : {0u, 1u}) zipper.add(i, everything(patches[i]), context);
+  for (const std::uint32_t i : {0u, 1u}) zipper.add({i, everything(patches[i])}, context);
   expect_valid_mesh(zipper.mesh());
   for (const Triangle& t : zipper.mesh().triangles) {
     float low = 9, high = -9;
@@ -81,23 +81,66 @@ TEST(Zipper, RevisitClosesWhatIsOpen) {
     for (int u = 0; u < wanted.width; ++u)
       if (std::hypot(u - 60, v - 60) < 9) wanted.at(u, v) = 0;
   Zipper zipper(patches, {});
-  zipper.add(0, wanted, context);
+  zipper.add({0, wanted}, context);
   EXPECT_EQ(check_health(zipper.mesh(), {}, context).boundary_loops, 2u);
-  zipper.revisit(1, everything(patches[1]), context);
+  zipper.revisit({1, everything(patches[1])}, context);
   expect_one_sheet(zipper.mesh(), context);
+}
+
+TEST(Zipper, TurnsThatGetInEachOthersWay) {
+  Context context(2);
+  const auto patches = two_views_of(test::plane({0, 0, 0}, {0, 0, 1}), context);
+  Image<std::uint8_t> wanted = everything(patches[0]);
+  for (int v = 0; v < wanted.height; ++v)
+    for (int u = 0; u < wanted.width; ++u)
+      if (std::hypot(u - 60, v - 60) < 9) wanted.at(u, v) = 0;
+  Zipper zipper(patches, {});
+  zipper.add({0, wanted}, context);
+  // Both would close the same hole.
+  const std::vector<ZipperTurn> turns = {{1, everything(patches[1])}, {0, everything(patches[0])}};
+  zipper.revisit(turns, context);
+  expect_one_sheet(zipper.mesh(), context);
+}
+
+TEST(Zipper, ViewsThatSeeNothingInCommonTakeTurnsTogether) {
+  Context context(2);
+  std::vector<Patch> patches;
+  for (const double x : {0.0, 10.0})
+    patches.push_back(test::make_patch(test::make_view("v", test::small_camera(), test::look_at({x, 0, 2}, {x, 0, 0}),
+                                                       test::plane({0, 0, 0}, {0, 0, 1})),
+                                       kNoise, context));
+  const std::vector<ZipperTurn> turns = {{0, everything(patches[0])}, {1, everything(patches[1])}};
+  Zipper together(patches, {}), apart(patches, {});
+  together.add(turns, context);
+  for (const ZipperTurn& turn : turns) apart.add(turn, context);
+  expect_valid_mesh(together.mesh());
+  EXPECT_GT(together.mesh().triangle_count(), 0u);
+  EXPECT_EQ(together.mesh().triangles, apart.mesh().triangles);
+  EXPECT_EQ(together.mesh().vertex_view, apart.mesh().vertex_view);
+  EXPECT_EQ(together.mesh().positions_m, apart.mesh().positions_m);
+  EXPECT_EQ(together.report().open_edges, apart.report().open_edges);
+}
+
+TEST(GroupTurns, ViewsThatOverlapAreApart) {
+  using Groups = std::vector<std::vector<std::uint32_t>>;
+  const std::vector<std::array<std::uint32_t, 2>> overlapping = {{0, 1}, {2, 1}, {3, 0}};
+  EXPECT_EQ(group_turns(5, overlapping, 8), (Groups{{0, 2, 4}, {1, 3}}));
+  EXPECT_EQ(group_turns(5, overlapping, 2), (Groups{{0, 2}, {1, 3}, {4}}));
+  EXPECT_EQ(group_turns(3, {}, 1), (Groups{{0}, {1}, {2}}));
+  EXPECT_TRUE(group_turns(0, {}, 8).empty());
 }
 
 TEST(Zipper, GoesOnWithAThinnerMesh) {
   Context context(2);
   const auto patches = two_views_of(test::plane({0, 0, 0}, {0, 0, 1}), context);
   Zipper zipper(patches, {});
-  zipper.add(0, everything(patches[0]), context);
+  zipper.add({0, everything(patches[0])}, context);
   const Mesh mesh = zipper.take();
   EXPECT_TRUE(zipper.mesh().triangles.empty());
   Mesh thinner = reduce(mesh, expected_errors(mesh, patches), {.max_error_sigma = 0.3}, context).mesh;
   ASSERT_LT(thinner.triangle_count(), mesh.triangle_count());
   zipper.replace_mesh(std::move(thinner), context);
-  zipper.add(1, everything(patches[1]), context);
+  zipper.add({1, everything(patches[1])}, context);
   expect_one_sheet(zipper.mesh(), context);
 }
 
@@ -105,9 +148,9 @@ TEST(Zipper, NothingWantedNothingAdded) {
   Context context(1);
   const auto patches = two_views_of(test::plane({0, 0, 0}, {0, 0, 1}), context);
   Zipper zipper(patches, {});
-  zipper.revisit(0, everything(patches[0]), context);
+  zipper.revisit({0, everything(patches[0])}, context);
   EXPECT_EQ(zipper.mesh().triangle_count(), 0u);
-  zipper.add(0, Image<std::uint8_t>(120, 120, 0), context);
+  zipper.add({0, Image<std::uint8_t>(120, 120, 0)}, context);
   EXPECT_EQ(zipper.mesh().triangle_count(), 0u);
 }
 
@@ -120,9 +163,9 @@ TEST(Zipper, ViewsWithoutACellAddNothing) {
   patches.push_back(
       test::make_patch(test::make_view("line", line, test::look_at({0, 0, 2}, {0, 0, 0}), wall), kNoise, context));
   Zipper zipper(patches, {});
-  zipper.add(0, everything(patches[0]), context);
+  zipper.add({0, everything(patches[0])}, context);
   const std::size_t triangles = zipper.mesh().triangle_count();
-  zipper.add(2, everything(patches[2]), context);
+  zipper.add({2, everything(patches[2])}, context);
   EXPECT_EQ(zipper.mesh().triangle_count(), triangles);
 }
 

@@ -43,9 +43,9 @@ inline Joined join(const std::vector<View>& views, const NoiseModel& noise, Cont
       Image<std::uint8_t> wanted = out.claims[i];
       for (std::uint8_t& c : wanted.pixels) c = c == std::uint8_t(Claim::kBest) || c == std::uint8_t(least);
       if (least == Claim::kBest)
-        zipper.add(i, wanted, context);
+        zipper.add({i, wanted}, context);
       else
-        zipper.revisit(i, wanted, context);
+        zipper.revisit({i, wanted}, context);
     }
   out.report = zipper.report();
   out.mesh = zipper.take();

@@ -1,0 +1,42 @@
+#pragma once
+
+// Which edges there are.
+
+#include <algorithm>
+#include <cstdint>
+#include <iterator>
+#include <vector>
+
+namespace lapseam {
+
+/// Keys of edges in sorted runs of doubling size: eight bytes an edge, few of them moved when more come. Based on:
+/// J. Bentley, J. Saxe, Decomposable Searching Problems, 1980.
+class EdgeSet {
+ public:
+  /// Sorts them first. Those that are in already may come again.
+  void add(std::vector<std::uint64_t> keys) {
+    if (keys.empty()) return;
+    std::sort(keys.begin(), keys.end());
+    runs_.push_back(std::move(keys));
+    while (runs_.size() > 1 && runs_[runs_.size() - 2].size() < 2 * runs_.back().size()) {
+      const std::vector<std::uint64_t>&a = runs_[runs_.size() - 2], &b = runs_.back();
+      std::vector<std::uint64_t> merged;
+      merged.reserve(a.size() + b.size());
+      std::set_union(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(merged));
+      runs_.pop_back();
+      runs_.back() = std::move(merged);
+    }
+  }
+
+  bool contains(std::uint64_t key) const {
+    return std::any_of(runs_.begin(), runs_.end(),
+                       [&](const auto& run) { return std::binary_search(run.begin(), run.end(), key); });
+  }
+
+  void clear() { runs_.clear(); }
+
+ private:
+  std::vector<std::vector<std::uint64_t>> runs_;  // the largest first
+};
+
+}  // namespace lapseam
