@@ -125,6 +125,21 @@ TEST(Integrate, SameBytesForAnyMemoryBudget) {
   EXPECT_NE(to_json(result.report, little).find("largest_stored_bytes"), std::string::npos);
 }
 
+TEST(Integrate, UsualMemoryDoesNotGrowWithTheViews) {
+  Scene scene;
+  ViewSource view;
+  view.sensor_id = "camera";
+  view.sensor = PinholeSensor{640, 480, 500, 500, 320, 240, {}};
+  const auto usual_of = [&](std::size_t views) {
+    scene.views.assign(views, view);
+    return estimate_memory(scene, {}, 2).usual_bytes;
+  };
+  EXPECT_EQ(usual_of(10), 0u);  // all of it is less
+  EXPECT_EQ(usual_of(200), 400'000'000u);
+  EXPECT_EQ(usual_of(240), 400'000'000u);
+  EXPECT_GT(usual_of(2000), estimate_memory(scene, {}, 2).least_bytes);
+}
+
 TEST(Integrate, ABudgetThatCannotDoIsRefusedWithOneThatCould) {
   const Scene scene = ball_scene();
   Context context(1);

@@ -295,6 +295,9 @@ class Integrate(ToolTest):
         self.assertEqual(memory["budget_bytes"], 500_000_000)
         self.assertGreater(memory["largest_stored_bytes"], 10_000)
         self.assertEqual(list(scratch.iterdir()), [])
+        self.expect_ok("integrate", scene, "-o", self.folder / "free.ply", "--no-texture", "--memory", "0", "--report",
+                       self.folder / "r.json")
+        self.assertNotIn("memory", json.loads((self.folder / "r.json").read_text()))
         self.expect_failure(1, "integrate", scene, "-o", self.folder / "none.ply", "--memory", "1M",
                           names=["memory", "1 MB will not do", "would"])
         self.assertFalse((self.folder / "none.ply").exists())

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <optional>
 
 #include "command.h"
 #include "lapseam/error.h"
@@ -20,7 +21,8 @@ struct IntegrateArguments {
   bool no_texture = false, skip_bad_views = false, registers = false;
   int hold_out = 0;
   double fill_holes_m = 0, max_error_mm = 0, reduce_sigma = IntegrateOptions{}.reduce_sigma;
-  std::uint64_t triangles = 0, memory_bytes = 0;
+  std::uint64_t triangles = 0;
+  std::optional<std::uint64_t> memory_bytes;
   std::string temporary;
 };
 
@@ -36,6 +38,29 @@ void write_report(const std::filesystem::path& file, const IntegrateReport& repo
   std::filesystem::path picture = file;
   picture.replace_filename(file.stem().string() + "-noise.svg");
   write_text(picture, plot_noise(sensors));
+}
+
+// What is asked for, or what the scene usually asks for, if there is a place for its images.
+void set_memory_budget(const IntegrateArguments& arguments, const MemoryEstimate& needed, Context& context) {
+  std::uint64_t budget = arguments.memory_bytes.value_or(needed.usual_bytes);
+  if (!arguments.memory_bytes && budget > 0) {
+    std::error_code problem;
+    const std::filesystem::path folder = arguments.temporary.empty() ? std::filesystem::temp_directory_path()
+                                                                     : std::filesystem::path(arguments.temporary);
+    if (const auto space = std::filesystem::space(folder, problem); problem || space.available < needed.all_bytes) {
+      context.warn("all images stay in memory: " + folder.string() + " has no room for them (--tmp)");
+      budget = 0;
+    }
+  }
+  if (budget > 0) context.set_memory_budget({budget, arguments.temporary});
+  if (arguments.common.progress == "none" || arguments.common.progress == "json") return;
+  const auto mb = [](std::uint64_t bytes) { return bytes / 1'000'000; };
+  fmt::print(stderr, "memory: about {} MB with all images in memory, {} MB at least; ", mb(needed.all_bytes),
+             mb(needed.least_bytes));
+  if (budget > 0)
+    fmt::print(stderr, "kept under {} MB\n", mb(budget));
+  else
+    fmt::print(stderr, "no limit\n");
 }
 
 void run(const IntegrateArguments& arguments) {
@@ -58,11 +83,7 @@ void run(const IntegrateArguments& arguments) {
   const bool is_bare = arguments.no_texture || std::filesystem::path(arguments.output).extension() == ".stl";
   options.color = is_bare ? ColorOutput::kNone : is_ply ? ColorOutput::kVertices : ColorOutput::kAtlas;
 
-  const MemoryEstimate needed = estimate_memory(scene, options, context->threads());
-  if (arguments.common.progress != "none" && arguments.common.progress != "json")
-    fmt::print(stderr, "memory: about {} MB with all images in memory, {} MB at least with --memory\n",
-               needed.all_bytes / 1'000'000, needed.least_bytes / 1'000'000);
-  if (arguments.memory_bytes > 0) context->set_memory_budget({arguments.memory_bytes, arguments.temporary});
+  set_memory_budget(arguments, estimate_memory(scene, options, context->threads()), *context);
 
   const IntegrateResult result = integrate(scene, options, *context);
   {
@@ -112,7 +133,8 @@ void add_integrate_command(CLI::App& app) {
       ->check(CLI::PositiveNumber);
   command
       ->add_option("--memory", arguments->memory_bytes,
-                   "Most that the process may take, as 600M or 2G: images then live in a temporary file")
+                   "Most that the process may take, as 600M or 2G: images then live in a temporary file. 0: no limit. "
+                   "Default: 400M, or one and a half times the least that will do, for scenes that need more than that")
       ->transform(CLI::AsSizeValue(true));
   command->add_option("--tmp", arguments->temporary, "Folder of that file (default: the system's)")
       ->check(CLI::ExistingDirectory);
