@@ -4,10 +4,12 @@
 #include "sew/view_turn.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <unordered_map>
 
 #include "core/parallel.h"
+#include "sensor/crowding.h"
 #include "triangulate/adaptive_triangles.h"
 
 namespace lapseam {
@@ -19,6 +21,10 @@ constexpr float kFocusMargin_px = 6;   // around borders
 constexpr std::array<float, 2> kBeyondWall_px = {0.6f, 1.2f};
 // A sample may be left out when it is this close to the surface without it, in standard deviations of its range.
 constexpr float kFlatness = 0.3f;
+
+constexpr int kLeastRun = 4;  // of samples that share a vertex
+
+bool has_area(const Triangle& t) { return t[0] != t[1] && t[1] != t[2] && t[2] != t[0]; }
 
 }  // namespace
 
@@ -168,6 +174,7 @@ void ViewTurn::block(const CanvasPoint& a, const CanvasPoint& b) {
 void ViewTurn::emit_grid() {
   vertex_of_sample_ = Image<std::uint32_t>(in_.width, in_.height, kInvalidIndex);
   emitted_ = Image<std::uint8_t>(in_.width, in_.height, 0);
+  find_anchors();
   Image<std::uint8_t> is_full(in_.width, in_.height, 0);
   in_.for_each_in_focus([&](int u, int v) {
     if (!in_.is_cell_in(u, v) || in_.cell.at(u, v)) return;
@@ -179,7 +186,9 @@ void ViewTurn::emit_grid() {
       emitted_.at(u, v) |= std::uint8_t(1 << slot);
       for (const auto& c : corners) in_.sample.at(c.x(), c.y()) |= ModelInView::kEmitted;
     }
-    is_full.at(u, v) = emitted_.at(u, v) == 3;
+    // Where samples share vertices, each cell is for itself: what shares one is joined by edges of the row.
+    const bool is_crowded = !anchors_[std::size_t(v)].empty() && !anchors_[std::size_t(v) + 1].empty();
+    is_full.at(u, v) = emitted_.at(u, v) == 3 && !is_crowded;
   });
   const auto deviation = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t m) {
     return deviation_from_plane(a, b, c, m);
@@ -188,21 +197,47 @@ void ViewTurn::emit_grid() {
     Triangle corners;
     for (std::size_t k = 0; k < 3; ++k) corners[k] = vertex_of(t[k]);
     if (in_.patch.grid.is_mirrored) std::swap(corners[1], corners[2]);
-    addition_.add_triangle(corners, TriangleTag::kMeasured);
+    if (has_area(corners)) addition_.add_triangle(corners, TriangleTag::kMeasured);
   }
   in_.for_each_in_focus([&](int u, int v) {
     if (is_full.at(u, v)) return;
     for (int slot = 0; slot < 2; ++slot) {
       if (!is_emitted(u, v, slot)) continue;
       const auto corners = in_.corners_of(u, v, slot);
-      addition_.add_triangle({vertex_of(corners[0].x(), corners[0].y()), vertex_of(corners[1].x(), corners[1].y()),
-                              vertex_of(corners[2].x(), corners[2].y())},
-                             TriangleTag::kMeasured);
+      const Triangle t = {vertex_of(corners[0].x(), corners[0].y()), vertex_of(corners[1].x(), corners[1].y()),
+                          vertex_of(corners[2].x(), corners[2].y())};
+      if (has_area(t)) addition_.add_triangle(t, TriangleTag::kMeasured);
     }
   });
 }
 
+// Samples of a row that lie closer together than a row and the next, as towards a scanner's poles, would make slivers:
+// as many as fit into that distance share the vertex of the first, as long as surface joins them.
+void ViewTurn::find_anchors() {
+  anchors_.assign(std::size_t(in_.height), {});
+  for (int v = 0; v < in_.height; ++v) {
+    // A power of two, so that runs of neighbouring rows begin together.
+    const int run = int(std::bit_floor(unsigned(samples_per_row_step(in_.patch.view.sensor, v))));
+    if (run < kLeastRun) continue;
+    std::vector<int>& anchors = anchors_[std::size_t(v)];
+    anchors.resize(std::size_t(in_.width));
+    const int cell_row = std::min(v, in_.height - 2);
+    for (int u = 0; u < in_.width; ++u) {
+      const bool is_joined = u > 0 && int(in_.canvas.pixel(u, v) % std::size_t(in_.width)) % run != 0 &&
+                             in_.exists(u - 1, cell_row, 0) && in_.exists(u - 1, cell_row, 1) &&
+                             in_.is_usable(u - 1, v) && in_.is_usable(u, v);
+      anchors[std::size_t(u)] = is_joined ? anchors[std::size_t(u) - 1] : u;
+    }
+  }
+}
+
+int ViewTurn::anchor_of(int u, int v) const {
+  const std::vector<int>& anchors = anchors_[std::size_t(v)];
+  return anchors.empty() ? u : anchors[std::size_t(u)];
+}
+
 std::uint32_t ViewTurn::vertex_of(int u, int v) {
+  u = anchor_of(u, v);
   std::uint32_t& id = vertex_of_sample_.at(u, v);
   if (id == kInvalidIndex) {
     const std::size_t pixel = in_.canvas.pixel(u, v);
@@ -254,7 +289,7 @@ std::uint32_t ViewTurn::gap_point_of_wall(std::uint32_t vertex, const CanvasPoin
 std::uint32_t ViewTurn::gap_point_of(int u, int v) {
   std::uint32_t& point = gap_point_of_sample_.at(u, v);
   if (point == kInvalidIndex)
-    point = gaps_.add_point({vertex_of_sample_.at(u, v), std::uint32_t(in_.sample.index(u, v)),
+    point = gaps_.add_point({vertex_of_sample_.at(anchor_of(u, v), v), std::uint32_t(in_.sample.index(u, v)),
                              in_.patch.view.range.pixels[in_.canvas.pixel(u, v)], 0},
                             float(u), float(v));
   return point;
@@ -276,7 +311,8 @@ void ViewTurn::triangulate_gaps() {
         if (is_neighbor_emitted(u, v, slot, p, q)) continue;
         const std::uint32_t a = gap_point_of(p.x(), p.y()), b = gap_point_of(q.x(), q.y());
         gaps_.add_fence(b, a);
-        new_border_.push_back({gaps_.points()[a].vertex, gaps_.points()[b].vertex, kInvalidIndex});
+        const std::uint32_t from = gaps_.points()[a].vertex, to = gaps_.points()[b].vertex;
+        if (from != to) new_border_.push_back({from, to, kInvalidIndex});
       }
     }
   });
@@ -307,6 +343,8 @@ void ViewTurn::find_border_triangles() {
       const auto found = at.find(key(corners[k], corners[(k + 1) % 3]));
       if (found != at.end()) new_border_[found->second].triangle = std::uint32_t(t);
     }
+  // Of triangles that came to nothing, because samples share vertices.
+  std::erase_if(new_border_, [](const OpenEdge& edge) { return edge.triangle == kInvalidIndex; });
 }
 
 // Both ends of the edge from corner k.
@@ -334,6 +372,7 @@ void ViewTurn::add_face(const std::array<std::uint32_t, 3>& corners) {
     t[k] = point.vertex != kInvalidIndex ? point.vertex : vertex_of(point.sample);
     is_own &= addition_.is_own(t[k]) || model_.mesh.vertex_view[t[k]] == index_;
   }
+  if (!has_area(t)) return;
   const std::uint32_t id = addition_.add_triangle(t, is_own ? TriangleTag::kMeasured : TriangleTag::kSeam);
   for (std::size_t k = 0; k < 3; ++k) addition_.sides.push_back({t[k], t[(k + 1) % 3], id});
 }

@@ -50,6 +50,8 @@ class ViewTurn {
 
   // ---- samples that the view adds
   void emit_grid();
+  void find_anchors();
+  int anchor_of(int u, int v) const;
   std::uint32_t vertex_of(int u, int v);
   std::uint32_t vertex_of(std::uint32_t sample);
   float deviation_from_plane(std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t m) const;
@@ -77,6 +79,7 @@ class ViewTurn {
   GapFaces gaps_;
   Image<std::uint8_t> emitted_;
   Image<std::uint32_t> vertex_of_sample_, gap_point_of_sample_;
+  std::vector<std::vector<int>> anchors_;  // of rows whose samples are crowded: the column that stands for each
   std::unordered_map<std::uint32_t, std::uint32_t> gap_point_of_vertex_;
   std::vector<Wall> walls_, blocked_;
   std::vector<OpenEdge> new_border_;

@@ -9,6 +9,8 @@
 #include <random>
 #include <vector>
 
+#include "sensor/crowding.h"
+
 namespace lapseam {
 namespace {
 
@@ -220,6 +222,17 @@ TEST(AnySensor, GenericAccess) {
   ASSERT_TRUE(back);
   EXPECT_NEAR(back->u, 12.25, 1e-9);
   EXPECT_FALSE(project(sensor, {-1, 0, 0}));
+}
+
+TEST(Sensor, SamplesCrowdTowardsPoles) {
+  const Sensor scanner = SphericalSensor::from_limits(2000, 1000, -kPi, kPi, kPi / 2, -kPi / 2);
+  EXPECT_EQ(samples_per_row_step(scanner, 500), 1);
+  EXPECT_NEAR(samples_per_row_step(scanner, 166), 2, 1);  // 60°
+  EXPECT_NEAR(samples_per_row_step(scanner, 50), 6, 1);   // 81°
+  EXPECT_GT(samples_per_row_step(scanner, 0), 600);
+  EXPECT_GT(samples_per_row_step(scanner, 999), 600);
+  EXPECT_LE(samples_per_row_step(scanner, 999), 2000);
+  EXPECT_EQ(samples_per_row_step(PinholeSensor{640, 480, 500, 500, 320, 240, {}}, 0), 1);
 }
 
 }  // namespace

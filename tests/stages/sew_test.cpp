@@ -2,6 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <numbers>
+#include <random>
+
+#include "lapseam/close_cracks.h"
 #include "lapseam/context.h"
 #include "lapseam/health.h"
 #include "lapseam/reduce.h"
@@ -119,6 +123,24 @@ TEST(Zipper, ViewsThatSeeNothingInCommonTakeTurnsTogether) {
   EXPECT_EQ(together.mesh().vertex_view, apart.mesh().vertex_view);
   EXPECT_EQ(together.mesh().positions_m, apart.mesh().positions_m);
   EXPECT_EQ(together.report().open_edges, apart.report().open_edges);
+}
+
+TEST(Zipper, LeavesNothingOpenAtAScannersPolesThatCannotBeClosed) {
+  constexpr double kPi = std::numbers::pi;
+  Context context(2);
+  const auto sensor = SphericalSensor::from_limits(400, 200, -kPi, kPi, kPi / 2, -kPi / 2);
+  View view = test::make_view("v", sensor, Eigen::Isometry3d::Identity(), test::box_room({-2, -2, -1}, {2, 2, 1}));
+  std::mt19937 random(1);
+  std::normal_distribution<float> noise(0, 0.002f);
+  for (float& r : view.range.pixels) r += noise(random);
+  test::Joined joined = test::join({view}, kNoise, context);
+  expect_valid_mesh(joined.mesh);
+  EXPECT_EQ(check_health(joined.mesh, {}, context).components, 1u);
+  // Of 400 samples in the first row and in the last.
+  EXPECT_LE(check_health(joined.mesh, {}, context).boundary_edges, 30u);
+  close_cracks(joined.mesh, joined.patches, {}, context);
+  expect_valid_mesh(joined.mesh);
+  EXPECT_EQ(check_health(joined.mesh, {}, context).boundary_edges, 0u);
 }
 
 TEST(GroupTurns, ViewsThatOverlapAreApart) {
