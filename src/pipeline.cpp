@@ -27,6 +27,8 @@ constexpr double kEarlyShare = 0.4;
 // Closing cracks adds triangles to a count that is asked for.
 constexpr double kShareBeforeClosing = 0.97;
 constexpr std::size_t kTrianglesBetweenThinnings = 200'000;
+// Of the border, for views to come back to it, and to be where something ends: slits are closed afterwards, in space.
+constexpr std::uint32_t kShortestOutline = 12;
 // The same on every machine, for the mesh depends on it.
 constexpr std::size_t kMostTurnsAtOnce = 8;
 
@@ -261,7 +263,7 @@ class Integration {
       most_triangles = zipper.mesh().triangle_count() * 5 / 4 + kTrianglesBetweenThinnings;
     }
     for (const auto& group : groups) {
-      zipper.revisit(turns_of(group, Claim::kYields), context_);
+      zipper.revisit(turns_of(group, Claim::kYields), context_, kShortestOutline);
       stage.advance(group.size());
     }
     result_.report.zipper = zipper.report();
@@ -287,7 +289,7 @@ class Integration {
     Mesh& mesh = result_.mesh;
     StageScope stage(context_, "clean");
     result_.report.triangles_in_small_components = remove_small_components(mesh, options_.smallest_component);
-    result_.report.silhouette_vertices_moved = extend_silhouettes(mesh, patches_, overlap_, context_);
+    result_.report.silhouette_vertices_moved = extend_silhouettes(mesh, patches_, overlap_, kShortestOutline, context_);
     thin();
     result_.report.self_intersecting_triangles_removed =
         remove_self_intersections(mesh, expected_errors(mesh, patches_), context_);

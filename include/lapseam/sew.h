@@ -52,8 +52,9 @@ class Zipper {
   void add(std::span<const ZipperTurn> turns, Context& context);
   void add(const ZipperTurn& turn, Context& context) { add({&turn, 1}, context); }
 
-  /// As add, but only around the model's border: what is left open is closed by whichever view saw it.
-  void revisit(std::span<const ZipperTurn> turns, Context& context);
+  /// As add, but only around the model's border: what is left open is closed by whichever view saw it. Outlines of
+  /// fewer than `shortest_outline` edges are slits, and left to close_cracks(), which sees them in space.
+  void revisit(std::span<const ZipperTurn> turns, Context& context, std::uint32_t shortest_outline = 0);
   void revisit(const ZipperTurn& turn, Context& context) { revisit({&turn, 1}, context); }
 
   const Mesh& mesh() const;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "core/disjoint_sets.h"
 #include "core/parallel.h"
 #include "patch/by_view.h"
 #include "sew/view_canvas.h"
@@ -17,8 +18,8 @@ constexpr float kLowestCosine = 0.3f;  // where a surface turns away from the vi
 constexpr int kLook_px = 3;            // mixed samples at a step are left out: what is behind may begin later
 constexpr float kStepFactor = 3;       // tolerances behind, to be something else
 
-// Of each vertex at open edges, the way out: the sum over its open edges, as long as these.
-std::vector<Eigen::Vector3f> find_ways_out(const Mesh& mesh) {
+// Of each vertex at open edges, the way out: the sum over its open edges, as long as these. Not of slits.
+std::vector<Eigen::Vector3f> find_ways_out(const Mesh& mesh, std::uint32_t shortest_outline, Context& context) {
   struct Side {
     std::uint64_t edge;
     std::uint32_t triangle, corner;
@@ -30,14 +31,22 @@ std::vector<Eigen::Vector3f> find_ways_out(const Mesh& mesh) {
       const std::uint64_t a = mesh.triangles[t][k], b = mesh.triangles[t][(k + 1) % 3];
       sides.push_back({std::min(a, b) << 32 | std::max(a, b), t, k});
     }
-  std::sort(sides.begin(), sides.end(),
-            [](const Side& a, const Side& b) { return a.edge != b.edge ? a.edge < b.edge : a.triangle < b.triangle; });
+  parallel_sort(context, sides.begin(), sides.end(), [](const Side& a, const Side& b) {
+    return a.edge != b.edge ? a.edge < b.edge : a.triangle < b.triangle;
+  });
+  std::vector<Side> open;
+  for (std::size_t i = 0; i < sides.size(); ++i)
+    if ((i == 0 || sides[i - 1].edge != sides[i].edge) && (i + 1 == sides.size() || sides[i + 1].edge != sides[i].edge))
+      open.push_back(sides[i]);
+  DisjointSets outlines(mesh.vertex_count());
+  for (const Side& side : open) outlines.unite(std::uint32_t(side.edge >> 32), std::uint32_t(side.edge));
+  std::vector<std::uint32_t> size(mesh.vertex_count(), 0);
+  for (const Side& side : open) ++size[outlines.find(std::uint32_t(side.edge))];
   std::vector<Eigen::Vector3f> out(mesh.vertex_count(), Eigen::Vector3f::Zero());
-  for (std::size_t i = 0; i < sides.size(); ++i) {
-    if ((i > 0 && sides[i - 1].edge == sides[i].edge) || (i + 1 < sides.size() && sides[i + 1].edge == sides[i].edge))
-      continue;
-    const Triangle& c = mesh.triangles[sides[i].triangle];
-    const std::uint32_t a = c[sides[i].corner], b = c[(sides[i].corner + 1) % 3], d = c[(sides[i].corner + 2) % 3];
+  for (const Side& side : open) {
+    const Triangle& c = mesh.triangles[side.triangle];
+    const std::uint32_t a = c[side.corner], b = c[(side.corner + 1) % 3], d = c[(side.corner + 2) % 3];
+    if (size[outlines.find(a)] < shortest_outline) continue;
     const Eigen::Vector3f edge = mesh.positions_m[b] - mesh.positions_m[a];
     const Eigen::Vector3f normal = edge.cross(mesh.positions_m[d] - mesh.positions_m[a]);
     const Eigen::Vector3f outward = edge.cross(normal).stableNormalized() * edge.norm();
@@ -64,11 +73,11 @@ bool is_before_something(const ViewCanvas& canvas, const CanvasPoint& at, const 
 }  // namespace
 
 std::uint64_t extend_silhouettes(Mesh& mesh, std::span<const Patch> patches, const OverlapOptions& options,
-                                 Context& context) {
+                                 std::uint32_t shortest_outline, Context& context) {
   std::vector<ViewCanvas> canvases;
   canvases.reserve(patches.size());
   for (const Patch& patch : patches) canvases.emplace_back(patch, mesh.origin_m, options, 0);
-  const std::vector<Eigen::Vector3f> out = find_ways_out(mesh);
+  const std::vector<Eigen::Vector3f> out = find_ways_out(mesh, shortest_outline, context);
   std::vector<std::uint8_t> has_moved(mesh.vertex_count(), 0);
   const auto extend = [&](std::size_t v) {
     if (out[v].isZero()) return;

@@ -5,6 +5,7 @@
 #include <array>
 #include <unordered_set>
 
+#include "core/disjoint_sets.h"
 #include "core/parallel.h"
 #include "patch/by_view.h"
 #include "patch/wide_normal.h"
@@ -136,6 +137,15 @@ std::vector<std::uint8_t> GrownModel::accept(std::span<ModelAddition> additions)
   }
   open = std::move(still_open);
   return is_accepted;
+}
+
+void GrownModel::measure_outlines() {
+  DisjointSets outlines(mesh.vertex_count());
+  for (const OpenEdge& edge : open) outlines.unite(edge.a, edge.b);
+  std::vector<std::uint32_t> size(mesh.vertex_count(), 0);
+  for (const OpenEdge& edge : open) ++size[outlines.find(edge.a)];
+  outline_size.resize(open.size());
+  for (std::size_t i = 0; i < open.size(); ++i) outline_size[i] = size[outlines.find(open[i].a)];
 }
 
 // An edge between two vertices of the model that is none of its borders was not there when the addition was made.

@@ -67,6 +67,8 @@ struct GrownModel {
   std::vector<float> error_m;        ///< per vertex, along its normal
   std::vector<CoarseNormal> normal;  ///< per vertex
   std::vector<OpenEdge> open;
+  std::vector<std::uint32_t> outline_size;  ///< of every open edge: how many are joined to it, itself among them
+  std::uint32_t shortest_outline = 0;       ///< that views are to come back to
   std::vector<Chunk> chunks;
   EdgeSet border_edges;  ///< edges between vertices that were on the border when made
   ZipperReport report;
@@ -74,6 +76,8 @@ struct GrownModel {
   /// Takes over what views found, all of them in the model as it is. 0 for those that are in the way of an earlier one,
   /// closing the same border or making the same edge: nothing of them is taken.
   std::vector<std::uint8_t> accept(std::span<ModelAddition> additions);
+  /// Fills outline_size, which holds until something is added.
+  void measure_outlines();
   /// Goes on with another mesh of the same provenance.
   void replace(Mesh replacement, Context& context);
   /// The mesh; nothing is left but what replace() needs.

@@ -100,7 +100,7 @@ bool ViewTurn::focus_on_border() {
   in_.focus_on_nothing();
   bool any = false;
   for (const Wall& wall : walls_) {
-    if (!ends_in_surface(wall)) continue;
+    if (model_.outline_size[wall.open] < model_.shortest_outline || !ends_in_surface(wall)) continue;
     any = true;
     for (const CanvasPoint& end : {wall.a, wall.b}) in_.focus_around(end.u, end.v, kFocusMargin_px);
   }

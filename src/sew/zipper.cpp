@@ -26,11 +26,13 @@ struct Zipper::Impl {
   }
 
   void add(std::span<const ZipperTurn> turns, Where where, Context& context) {
+    if (where == Where::kBorder) model.measure_outlines();
     std::vector<ModelAddition> additions(turns.size());
     parallel_for(context, turns.size(), 1, [&](std::size_t i) { additions[i] = find(turns[i], where, context); });
     const std::vector<std::uint8_t> is_accepted = model.accept(additions);
     for (std::size_t i = 0; i < turns.size(); ++i) {
       if (!is_accepted[i]) {
+        if (where == Where::kBorder) model.measure_outlines();
         additions[i] = find(turns[i], where, context);
         model.accept({&additions[i], 1});
       }
@@ -54,7 +56,8 @@ Zipper::~Zipper() = default;
 
 void Zipper::add(std::span<const ZipperTurn> turns, Context& context) { impl_->add(turns, Where::kWanted, context); }
 
-void Zipper::revisit(std::span<const ZipperTurn> turns, Context& context) {
+void Zipper::revisit(std::span<const ZipperTurn> turns, Context& context, std::uint32_t shortest_outline) {
+  impl_->model.shortest_outline = shortest_outline;
   impl_->add(turns, Where::kBorder, context);
 }
 

@@ -80,7 +80,7 @@ TEST(ExtendSilhouettes, APlateIsAsWideAsItWas) {
   const float pitch = 1.4f * (joined.patches[0].rays->directions[1] - joined.patches[0].rays->directions[0]).norm();
   const float before = width();
   EXPECT_LT(before, 0.4f);
-  const std::uint64_t moved = extend_silhouettes(joined.mesh, joined.patches, {}, context);
+  const std::uint64_t moved = extend_silhouettes(joined.mesh, joined.patches, {}, 0, context);
   EXPECT_GT(moved, 20u);
   EXPECT_NEAR(width(), before + pitch, 0.1f * pitch);
   EXPECT_NEAR(width(), 0.4f, pitch);
