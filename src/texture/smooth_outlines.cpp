@@ -99,7 +99,8 @@ class OutlineSmoothing {
   }
 
   void make_map(SheetMap& map, const std::vector<std::uint32_t>& triangles) {
-    map.shift = best_shift(triangles, pixels_).cast<float>();
+    if (triangles.empty()) return;
+    map.shift = best_shift(triangles, pixels_, 0).cast<float>();
     for (const std::uint32_t i : triangles)
       for (Eigen::Vector2f& q : pixels_[i]) q += map.shift;  // see run
     map.box = box_of(triangles, pixels_);
