@@ -146,7 +146,7 @@ class Texturing {
     if (!is_joined) return;
     smooth_outlines(mesh_, edges_, cameras_, view_, layout_, context_);
     cut_sheets(layout_, page_blocks_, context_);
-    smooth_outlines(mesh_, edges_, cameras_, view_, layout_, context_);  // those of cuts, too
+    smooth_outlines(mesh_, edges_, cameras_, view_, layout_, context_);  // those of cuts too
     squeeze_outlines(mesh_, cameras_, view_, layout_, context_);
   }
 
