@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <tuple>
 
 #include "core/parallel.h"
@@ -13,8 +12,9 @@
 namespace lapseam {
 namespace {
 
-constexpr int kPasses = 3;
-// How far an outline is pushed at most, pixels: beyond it more would be pressed together than a block is worth.
+constexpr int kPasses = 2;
+// How far an outline is pushed at most: eight pixels along a whole block are as many as it has, and some are pressed
+// together to both sides too.
 constexpr float kDeepest_px = 5;
 // What lies behind is pressed together over this many pixels, and to both sides of a block the push fades out.
 constexpr float kBand_px = 12, kFade_px = 8;
@@ -241,8 +241,7 @@ class SheetSqueeze {
         const float begin = sign > 0 ? square.low[axis] : -square.high[axis];
         const float depth = edge - start;
         if (depth > kDeepest_px) continue;
-        ways.push_back(
-            {axis, sign, start, depth, within.low[1 - axis], within.high[1 - axis], std::max(1.0f, start - begin)});
+        ways.push_back({axis, sign, start, depth, within.low[1 - axis], within.high[1 - axis], start - begin});
       }
     std::stable_sort(ways.begin(), ways.end(), [](const Push& a, const Push& b) { return a.depth < b.depth; });
     return ways;
