@@ -6,6 +6,9 @@
 namespace lapseam {
 
 bool meets(const Corners& p, const Eigen::Vector2f& low, const Eigen::Vector2f& high) {
+  // Most do, with a corner.
+  for (const Eigen::Vector2f& q : p)
+    if (q.x() >= low.x() && q.x() <= high.x() && q.y() >= low.y() && q.y() <= high.y()) return true;
   const Eigen::Vector2f middle = 0.5f * (low + high), half = 0.5f * (high - low);
   for (std::size_t k = 0; k < 3; ++k) {
     const Eigen::Vector2f side = p[(k + 1) % 3] - p[k];

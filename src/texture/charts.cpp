@@ -27,6 +27,14 @@ class SheetCutter {
 
   /// Cuts into charts; their triangles' pixels change from the scaled sheet's to the chart's.
   std::vector<Chart> cut(std::vector<Corners>& pixels) const {
+    std::vector<Chart> charts;
+    for (std::vector<std::uint32_t>& part : parts(pixels))
+      charts.push_back(align(make_chart(std::move(part), pixels), pixels));
+    return charts;
+  }
+
+  /// The triangles of each chart.
+  std::vector<std::vector<std::uint32_t>> parts(const std::vector<Corners>& pixels) const {
     const std::vector<std::uint32_t> label = connect_by_blocks(triangles_, pixels);
     std::map<std::uint32_t, BlockBox> boxes;
     for (std::size_t k = 0; k < triangles_.size(); ++k) boxes[label[k]].extend(pixels[triangles_[k]]);
@@ -41,27 +49,27 @@ class SheetCutter {
       const auto tile = [&](float x, int from) { return is_large ? int((x - float(from * kBlock_px)) / tile_px) : 0; };
       pieces[{label[k], tile(middle.x(), box.low_u), tile(middle.y(), box.low_v)}].push_back(i);
     }
-    std::vector<Chart> charts;
-    for (auto& [key, triangles] : pieces) split(std::move(triangles), pixels, charts);
-    return charts;
+    std::vector<std::vector<std::uint32_t>> parts;
+    for (auto& [key, triangles] : pieces) split(std::move(triangles), pixels, parts);
+    return parts;
   }
 
  private:
-  /// Cuts a chart in two, and its parts again, where their boxes are much smaller together: a chart like a frame leaves
-  /// holes that not enough small ones are there to fill.
-  void split(std::vector<std::uint32_t> triangles, std::vector<Corners>& pixels, std::vector<Chart>& charts) const {
-    Chart whole = make_chart(triangles, pixels);
-    const BlockShape& shape = whole.shape;
-    const Cut cut = find_cut(shape);
+  /// Cuts in two, and the parts again, where bays are opened that way: a chart like a frame leaves holes that not
+  /// enough small ones are there to fill.
+  void split(std::vector<std::uint32_t> triangles, const std::vector<Corners>& pixels,
+             std::vector<std::vector<std::uint32_t>>& parts) const {
+    const Chart whole = make_chart(triangles, pixels);
+    const Cut cut = find_cut(whole.shape);
     std::vector<std::uint32_t> low, high;
     for (const std::uint32_t i : triangles) {
       if (!cut.is_worth_it) break;
       const Eigen::Vector2f middle = (pixels[i][0] + pixels[i][1] + pixels[i][2]) / 3 - corner_of(whole);
       (middle[cut.axis] < float(cut.at * kBlock_px) ? low : high).push_back(i);
     }
-    if (low.empty() || high.empty()) return charts.push_back(align(std::move(whole), pixels));
-    split(std::move(low), pixels, charts);
-    split(std::move(high), pixels, charts);
+    if (low.empty() || high.empty()) return parts.push_back(std::move(triangles));
+    split(std::move(low), pixels, parts);
+    split(std::move(high), pixels, parts);
   }
 
   /// Moves a chart to where it owns the fewest blocks, and its triangles' pixels into it.
@@ -70,7 +78,7 @@ class SheetCutter {
       for (const std::uint32_t i : chart.triangles)
         for (Eigen::Vector2f& q : pixels[i]) q += by.cast<float>();
     };
-    const Eigen::Vector2i shift = best_shift(chart.triangles, pixels);
+    const Eigen::Vector2i shift = best_shift(chart.triangles, pixels, 0);
     move(shift);
     Chart moved = make_chart(chart.triangles, pixels);
     if (owned_blocks(moved) < owned_blocks(chart) && moved.shape.width <= page_blocks_ &&
@@ -94,9 +102,11 @@ class SheetCutter {
 
   static Cut find_cut(const BlockShape& shape) {
     constexpr int kSmallestPart = 4;
-    constexpr double kWorthIt = 0.85;
+    const double box = double(shape.width) * double(shape.height);
+    // Of a bay in its box, the share that other charts leave free.
+    constexpr double kBayLoss = 0.25;
     Cut best;
-    double smallest = kWorthIt * double(shape.width) * double(shape.height);
+    double most = 0;
     for (const int axis : {0, 1}) {
       const int length = axis == 0 ? shape.width : shape.height, across = axis == 0 ? shape.height : shape.width;
       // Of each line of blocks across the axis: how many are used, from where, and to where.
@@ -112,9 +122,9 @@ class SheetCutter {
       }
       for (int at = kSmallestPart; at <= length - kSmallestPart; ++at) {
         // Both parts own the blocks beside the cut: one line of them and a half more each.
-        const double area =
-            box_area(lines, 0, at) + box_area(lines, at, length) + 2 * double(lines[std::size_t(at)][0]);
-        if (area < smallest) smallest = area, best = {true, axis, at};
+        const double gain = kBayLoss * (box - box_area(lines, 0, at) - box_area(lines, at, length)) -
+                            2 * double(lines[std::size_t(at)][0]);
+        if (gain > most) most = gain, best = {true, axis, at};
       }
     }
     return best;
@@ -234,6 +244,27 @@ void find_parts(Charts& charts, Chart& chart) {
         std::lower_bound(chart.parts.begin(), chart.parts.end(), charts.view_of_triangle[i]) - chart.parts.begin());
 }
 
+using BlockCounts = std::array<std::array<std::uint32_t, kBlock_px>, kBlock_px>;
+
+/// Counts windows that show something by where, in blocks, the pixel `beyond_px` behind their last column and row lies.
+void count_windows(const Image<std::uint8_t>& shown, int window_px, int beyond_px, BlockCounts& counts) {
+  // First along rows, then along columns.
+  const int columns = shown.width + window_px - 1, rows = shown.height + window_px - 1;
+  Image<std::uint8_t> in_row(columns, shown.height);
+  for (int y = 0; y < shown.height; ++y)
+    for (int x = 0, last = -window_px; x < columns; ++x) {
+      if (x < shown.width && shown.at(x, y)) last = x;
+      in_row.at(x, y) = x - last < window_px;
+    }
+  std::vector<int> last(std::size_t(columns), -window_px);
+  for (int y = 0; y < rows; ++y)
+    for (int x = 0; x < columns; ++x) {
+      int& row = last[std::size_t(x)];
+      if (y < shown.height && in_row.at(x, y)) row = y;
+      counts[std::size_t((y + beyond_px) % kBlock_px)][std::size_t((x + beyond_px) % kBlock_px)] += y - row < window_px;
+    }
+}
+
 }  // namespace
 
 std::vector<std::uint8_t> find_scattered(const Charts& charts, const std::vector<std::uint32_t>& root) {
@@ -242,16 +273,14 @@ std::vector<std::uint8_t> find_scattered(const Charts& charts, const std::vector
   return is_scattered;
 }
 
-Eigen::Vector2i best_shift(const std::vector<std::uint32_t>& triangles, const std::vector<Corners>& pixels) {
+Eigen::Vector2i best_shift(const std::vector<std::uint32_t>& triangles, const std::vector<Corners>& pixels,
+                           int squeezed_px) {
   const auto cell = [](float x) { return int(std::floor(x + 0.5f)); };
   Eigen::Vector2f low = pixels[triangles.front()][0], high = low;
   for (const std::uint32_t i : triangles)
     for (const Eigen::Vector2f& q : pixels[i]) low = low.cwiseMin(q), high = high.cwiseMax(q);
-  // A block is read from where some pixel lies in a square of twice its size.
-  constexpr int kWindow = 2 * kBlock_px;
   const int x0 = cell(low.x()), y0 = cell(low.y());
-  const int width = cell(high.x()) - x0 + 1, height = cell(high.y()) - y0 + 1;
-  Image<std::uint8_t> shown(width, height);
+  Image<std::uint8_t> shown(cell(high.x()) - x0 + 1, cell(high.y()) - y0 + 1);
   for (const std::uint32_t i : triangles) {
     const Corners& p = pixels[i];
     const Eigen::Vector2f from = p[0].cwiseMin(p[1]).cwiseMin(p[2]), to = p[0].cwiseMax(p[1]).cwiseMax(p[2]);
@@ -260,27 +289,14 @@ Eigen::Vector2i best_shift(const std::vector<std::uint32_t>& triangles, const st
         if (meets(p, {float(x) - 0.5f, float(y) - 0.5f}, {float(x) + 0.5f, float(y) + 0.5f}))
           shown.at(x - x0, y - y0) = 1;
   }
-  // Of each window by its last column and row: whether it shows something; first along rows, then along columns.
-  const int columns = width + kWindow - 1, rows = height + kWindow - 1;
-  Image<std::uint8_t> in_row(columns, height);
-  for (int y = 0; y < height; ++y)
-    for (int x = 0, last = -kWindow; x < columns; ++x) {
-      if (x < width && shown.at(x, y)) last = x;
-      in_row.at(x, y) = x - last < kWindow;
-    }
-  std::array<std::array<std::uint32_t, kBlock_px>, kBlock_px> blocks{};
-  std::vector<int> last(std::size_t(columns), -kWindow);
-  for (int y = 0; y < rows; ++y)
-    for (int x = 0; x < columns; ++x) {
-      int& row = last[std::size_t(x)];
-      if (y < height && in_row.at(x, y)) row = y;
-      blocks[std::size_t(y % kBlock_px)][std::size_t(x % kBlock_px)] += y - row < kWindow;
-    }
+  BlockCounts counts{};
+  // A block is read from where some pixel lies in a square of twice its size.
+  for (int less = 0; less <= squeezed_px; ++less) count_windows(shown, 2 * kBlock_px - 2 * less, less, counts);
   Eigen::Vector2i best(0, 0);
   std::uint32_t fewest = 0xffffffff;
   for (int v = 0; v < kBlock_px; ++v)
     for (int u = 0; u < kBlock_px; ++u) {
-      const std::uint32_t count = blocks[std::size_t(v)][std::size_t(u)];
+      const std::uint32_t count = counts[std::size_t(v)][std::size_t(u)];
       if (count >= fewest) continue;
       fewest = count;
       // The window ends half a block after its block does.
@@ -290,6 +306,20 @@ Eigen::Vector2i best_shift(const std::vector<std::uint32_t>& triangles, const st
       best = {shift(x0 + u), shift(y0 + v)};
     }
   return best;
+}
+
+void cut_sheets(Layout& layout, int page_blocks, Context& context) {
+  std::vector<SheetCutter> sheets;
+  for (const std::uint32_t frame : layout.frame) sheets.emplace_back(frame, 1.0f, false, page_blocks);
+  for (std::uint32_t i = 0; i < layout.sheet.size(); ++i)
+    if (layout.sheet[i] != kInvalidIndex) sheets[layout.sheet[i]].add(i);
+  std::vector<std::vector<std::vector<std::uint32_t>>> parts(sheets.size());
+  parallel_for(context, sheets.size(), 1, [&](std::size_t s) { parts[s] = sheets[s].parts(layout.pixels); });
+  for (std::size_t s = 0; s < parts.size(); ++s)
+    for (std::size_t k = 1; k < parts[s].size(); ++k) {  // the first stays
+      for (const std::uint32_t i : parts[s][k]) layout.sheet[i] = std::uint32_t(layout.frame.size());
+      layout.frame.push_back(layout.frame[s]);
+    }
 }
 
 Charts make_charts(const Layout& layout, const std::vector<std::uint32_t>& view_of_triangle,

@@ -67,12 +67,16 @@ Charts make_charts(const Layout& layout, const std::vector<std::uint32_t>& view_
                    std::span<const float> scale_of_triangle, std::span<const std::uint8_t> is_scattered,
                    int page_blocks, Context& context);
 
+/// Cuts sheets that would leave holes on a page into ones that leave fewer.
+void cut_sheets(Layout& layout, int page_blocks, Context& context);
+
 /// Of each triangle, whether its region (root: of each triangle) would fill little of the blocks that are owned for it
 /// alone, while its triangles are so small that colours of its vertices show as much.
 std::vector<std::uint8_t> find_scattered(const Charts& charts, const std::vector<std::uint32_t>& root);
 
 /// Of the 8 × 8 ways in which a grid of blocks may lie over triangles, the move of these to the one where the fewest
-/// blocks are read.
-Eigen::Vector2i best_shift(const std::vector<std::uint32_t>& triangles, const std::vector<Corners>& pixels);
+/// blocks are read. Those that are read from no deeper than squeezed_px count less: they can be squeezed out.
+Eigen::Vector2i best_shift(const std::vector<std::uint32_t>& triangles, const std::vector<Corners>& pixels,
+                           int squeezed_px);
 
 }  // namespace lapseam

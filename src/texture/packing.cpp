@@ -20,7 +20,7 @@ constexpr int kMostPlaces = 64, kMoreRows = 3;
 // these are too many.
 constexpr int kSmallestWindow = 3, kLargestWindow = 18, kMostTakenOut = 40;
 // Words of a page's rows that it may read for each block of the shapes.
-constexpr std::uint64_t kWorkPerBlock = 10'000;
+constexpr std::uint64_t kWorkPerBlock = 4'000;
 
 /// A row of bits, with shifts.
 class BitRow {

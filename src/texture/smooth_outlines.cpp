@@ -12,7 +12,6 @@
 namespace lapseam {
 namespace {
 
-constexpr int kPasses = 3;
 // Blocks beyond those of a frame that others can go over to.
 constexpr int kMargin = 4;
 // More triangles than this read no block at a rim, or the surface is far finer than pixels: not worth the time.
@@ -59,14 +58,10 @@ class OutlineSmoothing {
   }
 
   void run() {
-    for (int pass = 0; pass < kPasses; ++pass) {
-      const std::vector<std::vector<std::uint32_t>> triangles = triangles_of_sheets();
-      moved_ = 0;
-      for (std::uint32_t s = 0; s < maps_.size(); ++s) {
-        context_.throw_if_cancelled();
-        if (!triangles[s].empty()) smooth(s, triangles[s]);
-      }
-      if (moved_ == 0) break;
+    const std::vector<std::vector<std::uint32_t>> triangles = triangles_of_sheets();
+    for (std::uint32_t s = 0; s < maps_.size(); ++s) {
+      context_.throw_if_cancelled();
+      if (!triangles[s].empty()) smooth(s, triangles[s]);
     }
     for (std::uint32_t i = 0; i < sheet_.size(); ++i)
       if (sheet_[i] != kInvalidIndex)
@@ -99,7 +94,8 @@ class OutlineSmoothing {
   }
 
   void make_map(SheetMap& map, const std::vector<std::uint32_t>& triangles) {
-    map.shift = best_shift(triangles, pixels_).cast<float>();
+    if (triangles.empty()) return;
+    map.shift = best_shift(triangles, pixels_, 0).cast<float>();
     for (const std::uint32_t i : triangles)
       for (Eigen::Vector2f& q : pixels_[i]) q += map.shift;  // see run
     map.box = box_of(triangles, pixels_);
@@ -125,7 +121,7 @@ class OutlineSmoothing {
   /// Tries the triangles that read a block together, block after block.
   void smooth(std::uint32_t s, const std::vector<std::uint32_t>& triangles) {
     SheetMap& map = maps_[s];
-    std::map<std::uint32_t, std::vector<std::uint32_t>> by_block;
+    std::vector<std::pair<std::uint32_t, std::uint32_t>> by_block;
     std::vector<std::uint8_t> is_at_rim(map.readers.size(), 0);
     for (const std::uint32_t i : triangles) {
       bool is_border = false;
@@ -139,10 +135,15 @@ class OutlineSmoothing {
     for (const std::uint32_t i : triangles)
       for_blocks(pixels_[i], [&](int u, int v) {
         const std::size_t block = map.box.index(u, v);
-        if (is_at_rim[block]) by_block[std::uint32_t(block)].push_back(i);
+        if (is_at_rim[block]) by_block.emplace_back(std::uint32_t(block), i);
       });
-    for (auto& [block, some] : by_block) {
-      std::erase_if(some, [&](std::uint32_t i) { return sheet_[i] != s; });
+    std::sort(by_block.begin(), by_block.end());
+    std::vector<std::uint32_t> some;
+    for (std::size_t first = 0, next = 0; first < by_block.size(); first = next) {
+      const std::uint32_t block = by_block[first].first;
+      some.clear();
+      for (next = first; next < by_block.size() && by_block[next].first == block; ++next)
+        if (sheet_[by_block[next].second] == s) some.push_back(by_block[next].second);
       // Some came here since.
       if (some.empty() || some.size() != map.readers[block] || some.size() > kMostTriangles) continue;
       for (const std::uint32_t other : neighbours(s, some))
@@ -204,7 +205,6 @@ class OutlineSmoothing {
       layout_.is_resampled[i] = !is_copy[n];
       add(new_map, i);
     }
-    moved_ += some.size();
     return true;
   }
 
@@ -273,7 +273,6 @@ class OutlineSmoothing {
   std::vector<float> cost_;   // of where it lies
   std::vector<std::uint8_t> is_slender_;
   std::vector<SheetMap> maps_;
-  std::size_t moved_ = 0;
 };
 
 }  // namespace

@@ -21,6 +21,7 @@
 #include "texture/painting.h"
 #include "texture/shared_edges.h"
 #include "texture/smooth_outlines.h"
+#include "texture/squeeze_outlines.h"
 #include "texture/stretch.h"
 
 namespace lapseam {
@@ -142,7 +143,11 @@ class Texturing {
   void lay_out(const Cells& cells) {
     const bool is_joined = options_.choose && sources_.size() <= kMostParts;
     layout_ = project_frames(mesh_, cameras_, view_, is_joined ? frames_of(cells) : view_, context_);
-    if (is_joined) smooth_outlines(mesh_, edges_, cameras_, view_, layout_, context_);
+    if (!is_joined) return;
+    smooth_outlines(mesh_, edges_, cameras_, view_, layout_, context_);
+    cut_sheets(layout_, page_blocks_, context_);
+    smooth_outlines(mesh_, edges_, cameras_, view_, layout_, context_);  // those of cuts too
+    squeeze_outlines(mesh_, cameras_, view_, layout_, context_);
   }
 
   /// As whose image each triangle is laid out. Cells at borders are taken apart: as triangles they make smoother ones.

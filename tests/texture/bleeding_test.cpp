@@ -82,22 +82,8 @@ std::vector<ViewSource> cameras_at_walls() {
   return sources;
 }
 
-TEST(Bleeding, NoForeignColorAtChartBordersOfACheckerboardRoomDownToMipLevel3) {
-  Mesh mesh = test::room_mesh(kLow, kHigh, 12);
-  for (std::size_t i = 0; i < mesh.triangle_count(); ++i)
-    mesh.triangle_view.push_back(
-        std::uint32_t(wall_of(((mesh.positions_m[mesh.triangles[i][0]] + mesh.positions_m[mesh.triangles[i][1]] +
-                                mesh.positions_m[mesh.triangles[i][2]]) /
-                               3)
-                                  .cast<double>())));
-  const std::vector<std::uint32_t> wall = mesh.triangle_view;
-  std::vector<ViewSource> sources = cameras_at_walls();
-  Context context(2);
-  const TextureReport report =
-      texture(mesh, sources, {.page_size = 512, .equalize = false, .level = false, .choose = false}, context);
-  ASSERT_EQ(report.unseen_triangles, 0u);
-  ASSERT_EQ(report.retaken_triangles, 0u) << "each wall must show its own image";
-  ASSERT_GE(report.charts, 6u);
+// wall: whose hue each triangle has.
+void expect_no_foreign_colors(const Mesh& mesh, const std::vector<std::uint32_t>& wall) {
   std::vector<ColorImage> level = mesh.pages;
   for (int mip = 0; mip <= 3; ++mip) {
     std::uint64_t samples = 0;
@@ -122,6 +108,62 @@ TEST(Bleeding, NoForeignColorAtChartBordersOfACheckerboardRoomDownToMipLevel3) {
     EXPECT_GT(samples, 10'000u);
     for (ColorImage& page : level) page = half_size(page);
   }
+}
+
+TEST(Bleeding, NoForeignColorAtChartBordersOfACheckerboardRoomDownToMipLevel3) {
+  Mesh mesh = test::room_mesh(kLow, kHigh, 12);
+  for (std::size_t i = 0; i < mesh.triangle_count(); ++i)
+    mesh.triangle_view.push_back(
+        std::uint32_t(wall_of(((mesh.positions_m[mesh.triangles[i][0]] + mesh.positions_m[mesh.triangles[i][1]] +
+                                mesh.positions_m[mesh.triangles[i][2]]) /
+                               3)
+                                  .cast<double>())));
+  const std::vector<std::uint32_t> wall = mesh.triangle_view;
+  std::vector<ViewSource> sources = cameras_at_walls();
+  Context context(2);
+  const TextureReport report =
+      texture(mesh, sources, {.page_size = 512, .equalize = false, .level = false, .choose = false}, context);
+  ASSERT_EQ(report.unseen_triangles, 0u);
+  ASSERT_EQ(report.retaken_triangles, 0u) << "each wall must show its own image";
+  ASSERT_GE(report.charts, 6u);
+  expect_no_foreign_colors(mesh, wall);
+}
+
+// Rectangles side by side in one image, of all widths and heights between two numbers of blocks: their outlines reach a
+// few pixels into blocks, and are squeezed out of them.
+TEST(Bleeding, NoForeignColorWhereOutlinesAreSqueezed) {
+  constexpr double kWide_m = 0.62, kPitch_m = 1.0;  // 62 pixels and more, 38 or less between
+  const auto size_of = [](int k) { return Eigen::Vector2d(kWide_m + 0.01 * (k % 8), kWide_m + 0.01 * (3 * k % 8)); };
+  const auto place_of = [](int k) {
+    return Eigen::Vector2d((k % 4 - 2) * kPitch_m + 0.1, (k / 4 - 1) * kPitch_m + 0.1);
+  };
+  Mesh mesh;
+  std::vector<std::uint32_t> wall;
+  std::vector<test::Shape> shapes;
+  for (int k = 0; k < 8; ++k) {
+    const Eigen::Vector2d at = place_of(k), size = size_of(k);
+    test::append_patch(mesh, {at.x(), at.y(), 2}, {0, size.y(), 0}, {size.x(), 0, 0}, 12);
+    wall.resize(mesh.triangle_count(), std::uint32_t(k % 6));
+    // What the camera sees goes on a little: its pixels at the rim are not half background.
+    const Eigen::Vector2d low = at.array() - 0.05, high = (at + size).array() + 0.05;
+    shapes.push_back(test::rectangle(2, low.x(), high.x(), low.y(), high.y()));
+  }
+  mesh.triangle_view.assign(mesh.triangle_count(), 0);
+  const test::Paint paint = [&](const Eigen::Vector3d& p) -> Eigen::Vector3d {
+    const int column = int(std::floor(p.x() / kPitch_m)) + 2, row = int(std::floor(p.y() / kPitch_m)) + 1;
+    const bool is_light = (int(std::floor(p.x() * 7 + 100)) + int(std::floor(p.y() * 7 + 100))) % 2 == 0;
+    return hue_of((4 * row + column) % 6) * (is_light ? 220 : 120);
+  };
+  const std::vector<ViewSource> sources = {test::painted_source(
+      "front", test::small_camera(450, 200), Eigen::Isometry3d::Identity(), test::nearest(shapes), paint)};
+  Context context(2);
+  Mesh as_it_is = mesh;
+  const TextureReport copied =
+      texture(as_it_is, sources, {.page_size = 512, .equalize = false, .level = false, .choose = false}, context);
+  const TextureReport squeezed = texture(mesh, sources, {.page_size = 512, .equalize = false, .level = false}, context);
+  EXPECT_EQ(squeezed.charts, 8u);
+  EXPECT_LT(double(squeezed.chart_pixels), 0.95 * double(copied.chart_pixels)) << "nothing was squeezed";
+  expect_no_foreign_colors(mesh, wall);
 }
 
 }  // namespace
