@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <functional>
 
 #include "core/parallel.h"
 #include "overlap/view_projection.h"
@@ -77,7 +78,7 @@ void Covering::mark(Context& context) {
     }
   });
   for (const auto& list : beneath) beneath_.insert(beneath_.end(), list.begin(), list.end());
-  std::sort(beneath_.begin(), beneath_.end());
+  parallel_sort(context, beneath_.begin(), beneath_.end(), std::less<>());
 }
 
 // Not across the cut of a panorama.

@@ -44,7 +44,7 @@ struct ModelAddition {
   std::uint32_t view = 0, first_vertex = 0;
   std::vector<Eigen::Vector3f> positions_m;  ///< of its vertices, relative to the mesh's origin
   std::vector<std::uint32_t> pixels;         ///< likewise
-  std::vector<float> error_m;                ///< likewise; see describe_vertices
+  std::vector<float> error_m;                ///< likewise; see finish
   std::vector<CoarseNormal> normal;          ///< likewise
   std::vector<Triangle> triangles;
   std::vector<TriangleTag> tags;

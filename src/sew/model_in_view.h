@@ -50,7 +50,12 @@ class ModelInView {
   /// visit(u, v) for every pixel in focus, row by row.
   template <typename Visit>
   void for_each_in_focus(const Visit& visit) const {
-    for (int v = 0; v < height; ++v)
+    for_each_in_focus(0, height, visit);
+  }
+  /// Of rows [begin, end).
+  template <typename Visit>
+  void for_each_in_focus(int begin, int end, const Visit& visit) const {
+    for (int v = begin; v < end; ++v)
       for (int x = 0; x < focus_.width; ++x) {
         if (!focus_.at(x, v / kTile_px)) continue;
         for (int u = x * kTile_px; u < std::min(width, (x + 1) * kTile_px); ++u) visit(u, v);

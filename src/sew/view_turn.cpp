@@ -22,7 +22,7 @@ constexpr std::array<float, 2> kBeyondWall_px = {0.6f, 1.2f};
 // A sample may be left out when it is this close to the surface without it, in standard deviations of its range.
 constexpr float kFlatness = 0.3f;
 
-constexpr int kLeastRun = 4;  // of samples that share a vertex
+constexpr int kLeastRun = 8;  // of samples that share a vertex
 
 bool has_area(const Triangle& t) { return t[0] != t[1] && t[1] != t[2] && t[2] != t[0]; }
 
@@ -176,19 +176,24 @@ void ViewTurn::emit_grid() {
   emitted_ = Image<std::uint8_t>(in_.width, in_.height, 0);
   find_anchors();
   Image<std::uint8_t> is_full(in_.width, in_.height, 0);
+  parallel_blocks(context_, std::size_t(in_.height), 16, [&](std::size_t begin, std::size_t end) {
+    in_.for_each_in_focus(int(begin), int(end), [&](int u, int v) {
+      if (!in_.is_cell_in(u, v) || in_.cell.at(u, v)) return;
+      for (int slot = 0; slot < 2; ++slot) {
+        if (!in_.exists(u, v, slot)) continue;
+        const auto corners = in_.corners_of(u, v, slot);
+        if (std::all_of(corners.begin(), corners.end(), [&](const auto& c) { return in_.is_usable(c.x(), c.y()); }))
+          emitted_.at(u, v) |= std::uint8_t(1 << slot);
+      }
+      // Where samples share vertices, each cell is for itself: what shares one is joined by edges of the row.
+      const bool is_crowded = !anchors_[std::size_t(v)].empty() && !anchors_[std::size_t(v) + 1].empty();
+      is_full.at(u, v) = emitted_.at(u, v) == 3 && !is_crowded;
+    });
+  });
   in_.for_each_in_focus([&](int u, int v) {
-    if (!in_.is_cell_in(u, v) || in_.cell.at(u, v)) return;
-    for (int slot = 0; slot < 2; ++slot) {
-      if (!in_.exists(u, v, slot)) continue;
-      const auto corners = in_.corners_of(u, v, slot);
-      if (!std::all_of(corners.begin(), corners.end(), [&](const auto& c) { return in_.is_usable(c.x(), c.y()); }))
-        continue;
-      emitted_.at(u, v) |= std::uint8_t(1 << slot);
-      for (const auto& c : corners) in_.sample.at(c.x(), c.y()) |= ModelInView::kEmitted;
-    }
-    // Where samples share vertices, each cell is for itself: what shares one is joined by edges of the row.
-    const bool is_crowded = !anchors_[std::size_t(v)].empty() && !anchors_[std::size_t(v) + 1].empty();
-    is_full.at(u, v) = emitted_.at(u, v) == 3 && !is_crowded;
+    for (int slot = 0; slot < 2; ++slot)
+      if (is_emitted(u, v, slot))
+        for (const auto& c : in_.corners_of(u, v, slot)) in_.sample.at(c.x(), c.y()) |= ModelInView::kEmitted;
   });
   const auto deviation = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t m) {
     return deviation_from_plane(a, b, c, m);
