@@ -302,6 +302,24 @@ class Integrate(ToolTest):
                           names=["memory", "1 MB will not do", "would"])
         self.assertFalse((self.folder / "none.ply").exists())
 
+    def test_large_scenes_have_a_memory_budget_if_there_is_a_place_for_their_images(self):
+        manifest = write_wall_scene(self.folder, views=1)
+        manifest["sensors"]["camera"].update(width=640, height=480)
+        image = self.folder / "depth0.png"
+        write_depth(image, 640, 480, lambda u, v: 2000)
+        image.write_bytes(image.read_bytes()[:-200])  # an error, but only when it is decoded
+        manifest["views"] *= 150
+        manifest["views"] = [{**view, "name": f"v{i}"} for i, view in enumerate(manifest["views"])]
+        for view in manifest["views"]:
+            del view["color"]
+        scene = save(self.folder, manifest)
+        for folder, expected in ((str(self.folder), "kept under 400 MB"), ("/no/such/folder", "all images stay in memory")):
+            result = run("integrate", scene, "-o", self.folder / "m.ply", "--no-texture", "--progress", "plain",
+                         environment={"TMPDIR": folder})
+            self.assertEqual(result.returncode, 1, result.stderr)
+            self.assertIn(expected, result.stderr)
+            self.assertIn("v0", result.stderr.splitlines()[-1])
+
     def test_hold_out_leaves_views_out(self):
         scene = save(self.folder, write_wall_scene(self.folder, views=4))
         triangles = []

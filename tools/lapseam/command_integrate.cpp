@@ -40,19 +40,31 @@ void write_report(const std::filesystem::path& file, const IntegrateReport& repo
   write_text(picture, plot_noise(sensors));
 }
 
-// What is asked for, or what the scene usually asks for, if there is a place for its images.
+// False where there is no place for a file of all images.
+bool set_usual_budget(const std::string& temporary, const MemoryEstimate& needed, Context& context) {
+  std::error_code problem;
+  const std::filesystem::path folder =
+      temporary.empty() ? std::filesystem::temp_directory_path(problem) : std::filesystem::path(temporary);
+  if (problem) return false;
+  const std::filesystem::space_info space = std::filesystem::space(folder, problem);
+  if (problem || space.available < needed.all_bytes) return false;
+  try {
+    context.set_memory_budget({needed.usual_bytes, folder});
+    return true;
+  } catch (const IoError&) {
+    return false;
+  }
+}
+
+// What is asked for, or what such scenes usually get.
 void set_memory_budget(const IntegrateArguments& arguments, const MemoryEstimate& needed, Context& context) {
   std::uint64_t budget = arguments.memory_bytes.value_or(needed.usual_bytes);
-  if (!arguments.memory_bytes && budget > 0) {
-    std::error_code problem;
-    const std::filesystem::path folder = arguments.temporary.empty() ? std::filesystem::temp_directory_path()
-                                                                     : std::filesystem::path(arguments.temporary);
-    if (const auto space = std::filesystem::space(folder, problem); problem || space.available < needed.all_bytes) {
-      context.warn("all images stay in memory: " + folder.string() + " has no room for them (--tmp)");
-      budget = 0;
-    }
+  if (arguments.memory_bytes) {
+    if (budget > 0) context.set_memory_budget({budget, arguments.temporary});
+  } else if (budget > 0 && !set_usual_budget(arguments.temporary, needed, context)) {
+    context.warn("all images stay in memory: there is no room for them in the folder for temporary files (--tmp)");
+    budget = 0;
   }
-  if (budget > 0) context.set_memory_budget({budget, arguments.temporary});
   if (arguments.common.progress == "none" || arguments.common.progress == "json") return;
   const auto mb = [](std::uint64_t bytes) { return bytes / 1'000'000; };
   fmt::print(stderr, "memory: about {} MB with all images in memory, {} MB at least; ", mb(needed.all_bytes),
