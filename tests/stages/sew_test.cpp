@@ -31,6 +31,14 @@ Image<std::uint8_t> everything(const Patch& patch) {
   return Image<std::uint8_t>(patch.grid.width, patch.grid.height, 1);
 }
 
+Image<std::uint8_t> all_but_a_disk(const Patch& patch) {
+  Image<std::uint8_t> wanted = everything(patch);
+  for (int v = 0; v < wanted.height; ++v)
+    for (int u = 0; u < wanted.width; ++u)
+      if (std::hypot(u - 60, v - 60) < 9) wanted.at(u, v) = 0;
+  return wanted;
+}
+
 void expect_one_sheet(const Mesh& mesh, Context& context) {
   expect_valid_mesh(mesh);
   const MeshHealth health = check_health(mesh, {}, context);
@@ -80,12 +88,8 @@ TEST(Zipper, RevisitClosesWhatIsOpen) {
   Context context(2);
   const auto patches = two_views_of(test::plane({0, 0, 0}, {0, 0, 1}), context);
   // The first view leaves out a disk in the middle of what it sees; the second closes it.
-  Image<std::uint8_t> wanted = everything(patches[0]);
-  for (int v = 0; v < wanted.height; ++v)
-    for (int u = 0; u < wanted.width; ++u)
-      if (std::hypot(u - 60, v - 60) < 9) wanted.at(u, v) = 0;
   Zipper zipper(patches, {});
-  zipper.add({0, wanted}, context);
+  zipper.add({0, all_but_a_disk(patches[0])}, context);
   EXPECT_EQ(check_health(zipper.mesh(), {}, context).boundary_loops, 2u);
   zipper.revisit({1, everything(patches[1])}, context);
   expect_one_sheet(zipper.mesh(), context);
@@ -94,12 +98,8 @@ TEST(Zipper, RevisitClosesWhatIsOpen) {
 TEST(Zipper, TurnsThatGetInEachOthersWay) {
   Context context(2);
   const auto patches = two_views_of(test::plane({0, 0, 0}, {0, 0, 1}), context);
-  Image<std::uint8_t> wanted = everything(patches[0]);
-  for (int v = 0; v < wanted.height; ++v)
-    for (int u = 0; u < wanted.width; ++u)
-      if (std::hypot(u - 60, v - 60) < 9) wanted.at(u, v) = 0;
   Zipper zipper(patches, {});
-  zipper.add({0, wanted}, context);
+  zipper.add({0, all_but_a_disk(patches[0])}, context);
   // Both would close the same hole.
   const std::vector<ZipperTurn> turns = {{1, everything(patches[1])}, {0, everything(patches[0])}};
   zipper.revisit(turns, context);
