@@ -5,8 +5,8 @@
 #include <cmath>
 #include <vector>
 
-#include "core/disjoint_sets.h"
 #include "core/parallel.h"
+#include "mesh/outline_sizes.h"
 #include "patch/by_view.h"
 #include "sew/view_canvas.h"
 
@@ -34,21 +34,23 @@ std::vector<Eigen::Vector3f> find_ways_out(const Mesh& mesh, std::uint32_t short
   parallel_sort(context, sides.begin(), sides.end(), [](const Side& a, const Side& b) {
     return a.edge != b.edge ? a.edge < b.edge : a.triangle < b.triangle;
   });
-  std::vector<Side> open;
-  for (std::size_t i = 0; i < sides.size(); ++i)
-    if ((i == 0 || sides[i - 1].edge != sides[i].edge) && (i + 1 == sides.size() || sides[i + 1].edge != sides[i].edge))
-      open.push_back(sides[i]);
-  DisjointSets outlines(mesh.vertex_count());
-  for (const Side& side : open) outlines.unite(std::uint32_t(side.edge >> 32), std::uint32_t(side.edge));
-  std::vector<std::uint32_t> size(mesh.vertex_count(), 0);
-  for (const Side& side : open) ++size[outlines.find(std::uint32_t(side.edge))];
+  struct Open {
+    std::uint32_t a, b, apex;  // of its triangle, in this order
+  };
+  std::vector<Open> open;
+  for (std::size_t i = 0; i < sides.size(); ++i) {
+    if ((i > 0 && sides[i - 1].edge == sides[i].edge) || (i + 1 < sides.size() && sides[i + 1].edge == sides[i].edge))
+      continue;
+    const Triangle& c = mesh.triangles[sides[i].triangle];
+    const std::uint32_t k = sides[i].corner;
+    open.push_back({c[k], c[(k + 1) % 3], c[(k + 2) % 3]});
+  }
+  const std::vector<std::uint32_t> size_at = outline_sizes(mesh.vertex_count(), open);
   std::vector<Eigen::Vector3f> out(mesh.vertex_count(), Eigen::Vector3f::Zero());
-  for (const Side& side : open) {
-    const Triangle& c = mesh.triangles[side.triangle];
-    const std::uint32_t a = c[side.corner], b = c[(side.corner + 1) % 3], d = c[(side.corner + 2) % 3];
-    if (size[outlines.find(a)] < shortest_outline) continue;
+  for (const auto& [a, b, apex] : open) {
+    if (size_at[a] < shortest_outline) continue;
     const Eigen::Vector3f edge = mesh.positions_m[b] - mesh.positions_m[a];
-    const Eigen::Vector3f normal = edge.cross(mesh.positions_m[d] - mesh.positions_m[a]);
+    const Eigen::Vector3f normal = edge.cross(mesh.positions_m[apex] - mesh.positions_m[a]);
     const Eigen::Vector3f outward = edge.cross(normal).stableNormalized() * edge.norm();
     out[a] += outward;
     out[b] += outward;

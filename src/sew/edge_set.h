@@ -13,10 +13,11 @@ namespace lapseam {
 /// J. Bentley, J. Saxe, Decomposable Searching Problems, 1980.
 class EdgeSet {
  public:
-  /// Sorts them first. Those that are in already may come again.
+  /// In any order; the same may come again and again.
   void add(std::vector<std::uint64_t> keys) {
     if (keys.empty()) return;
     std::sort(keys.begin(), keys.end());
+    keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
     runs_.push_back(std::move(keys));
     while (runs_.size() > 1 && runs_[runs_.size() - 2].size() < 2 * runs_.back().size()) {
       const std::vector<std::uint64_t>&a = runs_[runs_.size() - 2], &b = runs_.back();

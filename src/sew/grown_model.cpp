@@ -6,10 +6,11 @@
 #include <functional>
 #include <unordered_set>
 
-#include "core/disjoint_sets.h"
 #include "core/parallel.h"
+#include "mesh/outline_sizes.h"
 #include "patch/by_view.h"
 #include "patch/wide_normal.h"
+#include "spatial/box.h"
 
 namespace lapseam {
 namespace {
@@ -21,15 +22,6 @@ CoarseNormal normal_at(const Patch& patch, std::size_t pixel) {
   const Eigen::Vector3f normal =
       patch.view.T_world_view.linear().cast<float>() * WideNormal(patch).at(int(pixel % w), int(pixel / w));
   return (normal * 127).array().round().matrix().cast<std::int8_t>();
-}
-
-// Bits of x in every third place.
-std::uint64_t spread(std::uint64_t x) {
-  x = (x | x << 32) & 0x001F00000000FFFF;
-  x = (x | x << 16) & 0x001F0000FF0000FF;
-  x = (x | x << 8) & 0x100F00F00F00F00F;
-  x = (x | x << 4) & 0x10C30C30C30C30C3;
-  return (x | x << 2) & 0x1249249249249249;
 }
 
 // Triangles along Morton's curve through space: those that follow each other are near each other.
@@ -50,8 +42,8 @@ std::vector<std::uint32_t> sorted_in_space(std::span<const Triangle> triangles, 
   std::vector<Place> places(triangles.size());
   for (std::uint32_t t = 0; t < places.size(); ++t) {
     const Eigen::Vector3f at = scale * (middle(triangles[t]) - box.min());
-    places[t] = {std::uint32_t(spread(std::uint64_t(at.x())) | spread(std::uint64_t(at.y())) << 1 |
-                               spread(std::uint64_t(at.z())) << 2),
+    places[t] = {std::uint32_t(spread_bits(std::uint64_t(at.x())) | spread_bits(std::uint64_t(at.y())) << 1 |
+                               spread_bits(std::uint64_t(at.z())) << 2),
                  t};
   }
   parallel_sort(context, places.begin(), places.end(), std::less<>());
@@ -105,8 +97,6 @@ void ModelAddition::finish(const GrownModel& model, Context& context) {
   for (OpenEdge& side : sides) side.triangle = place[side.triangle];
   reorder(triangles, order);
   reorder(tags, order);
-  std::sort(chords.begin(), chords.end());
-  chords.erase(std::unique(chords.begin(), chords.end()), chords.end());
 }
 
 std::vector<std::uint8_t> GrownModel::accept(std::span<ModelAddition> additions) {
@@ -141,12 +131,9 @@ std::vector<std::uint8_t> GrownModel::accept(std::span<ModelAddition> additions)
 }
 
 void GrownModel::measure_outlines() {
-  DisjointSets outlines(mesh.vertex_count());
-  for (const OpenEdge& edge : open) outlines.unite(edge.a, edge.b);
-  std::vector<std::uint32_t> size(mesh.vertex_count(), 0);
-  for (const OpenEdge& edge : open) ++size[outlines.find(edge.a)];
+  const std::vector<std::uint32_t> size_at = outline_sizes(mesh.vertex_count(), open);
   outline_size.resize(open.size());
-  for (std::size_t i = 0; i < open.size(); ++i) outline_size[i] = size[outlines.find(open[i].a)];
+  std::transform(open.begin(), open.end(), outline_size.begin(), [&](const OpenEdge& edge) { return size_at[edge.a]; });
 }
 
 // An edge between two vertices of the model that is none of its borders was not there when the addition was made.

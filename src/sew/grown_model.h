@@ -54,8 +54,7 @@ struct ModelAddition {
 
   std::uint32_t add_vertex(std::size_t pixel, const Eigen::Vector3f& position_m);
   std::uint32_t add_triangle(const Triangle& triangle, TriangleTag tag);
-  /// Fills error_m and normal, brings triangles into an order in which neighbours follow each other, and leaves each
-  /// chord once.
+  /// Fills error_m and normal, and brings triangles into an order in which neighbours follow each other.
   void finish(const GrownModel& model, Context& context);
   bool is_own(std::uint32_t vertex) const { return vertex >= first_vertex; }
 };

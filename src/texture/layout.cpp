@@ -67,4 +67,11 @@ Layout project_frames(const Mesh& mesh, const ColorCameras& cameras, std::span<c
   return out;
 }
 
+std::vector<std::vector<std::uint32_t>> triangles_of_sheets(std::span<const std::uint32_t> sheet, std::size_t sheets) {
+  std::vector<std::vector<std::uint32_t>> triangles(sheets);
+  for (std::uint32_t i = 0; i < sheet.size(); ++i)
+    if (sheet[i] != kInvalidIndex) triangles[sheet[i]].push_back(i);
+  return triangles;
+}
+
 }  // namespace lapseam

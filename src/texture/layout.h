@@ -21,6 +21,9 @@ struct Layout {
   std::vector<std::uint8_t> is_resampled;
 };
 
+/// The triangles of each sheet.
+std::vector<std::vector<std::uint32_t>> triangles_of_sheets(std::span<const std::uint32_t> sheet, std::size_t sheets);
+
 /// Triangles of one frame whose blocks meet are a sheet, laid out as that image has them, or would have them if it were
 /// larger. view_of_triangle: whose image it shows, kInvalidIndex for none; frame_of_triangle: as whose image it is laid
 /// out. Sheets are numbered by first triangle.

@@ -53,12 +53,12 @@ class OutlineSmoothing {
     parallel_for(context, mesh.triangle_count(), 4096, [&](std::size_t i) {
       if (sheet_[i] != kInvalidIndex) measure(std::uint32_t(i));
     });
-    const std::vector<std::vector<std::uint32_t>> triangles = triangles_of_sheets();
+    const std::vector<std::vector<std::uint32_t>> triangles = triangles_of_sheets(sheet_, maps_.size());
     parallel_for(context, maps_.size(), 1, [&](std::size_t s) { make_map(maps_[s], triangles[s]); });
   }
 
   void run() {
-    const std::vector<std::vector<std::uint32_t>> triangles = triangles_of_sheets();
+    const std::vector<std::vector<std::uint32_t>> triangles = triangles_of_sheets(sheet_, maps_.size());
     for (std::uint32_t s = 0; s < maps_.size(); ++s) {
       context_.throw_if_cancelled();
       if (!triangles[s].empty()) smooth(s, triangles[s]);
@@ -69,13 +69,6 @@ class OutlineSmoothing {
   }
 
  private:
-  std::vector<std::vector<std::uint32_t>> triangles_of_sheets() const {
-    std::vector<std::vector<std::uint32_t>> triangles(maps_.size());
-    for (std::uint32_t i = 0; i < sheet_.size(); ++i)
-      if (sheet_[i] != kInvalidIndex) triangles[sheet_[i]].push_back(i);
-    return triangles;
-  }
-
   void measure(std::uint32_t i) {
     Corners& q = own_[i];
     if (!project_corners(mesh_, i, *cameras_[view_[i]], q)) return;

@@ -360,9 +360,7 @@ class SheetSqueeze {
 
 void squeeze_outlines(const Mesh& mesh, const ColorCameras& cameras, const std::vector<std::uint32_t>& view_of_triangle,
                       Layout& layout, Context& context) {
-  std::vector<std::vector<std::uint32_t>> triangles(layout.frame.size());
-  for (std::uint32_t i = 0; i < layout.sheet.size(); ++i)
-    if (layout.sheet[i] != kInvalidIndex) triangles[layout.sheet[i]].push_back(i);
+  const std::vector<std::vector<std::uint32_t>> triangles = triangles_of_sheets(layout.sheet, layout.frame.size());
   parallel_for(context, triangles.size(), 1, [&](std::size_t s) {
     if (triangles[s].empty()) return;
     context.throw_if_cancelled();
