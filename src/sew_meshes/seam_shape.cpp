@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/parallel.h"
 #include "lapseam/context.h"
 #include "sew_meshes/seam_shape.h"
 
@@ -43,26 +44,44 @@ bool SeamShape::replace(const std::vector<std::uint32_t>& old, const std::vector
 }
 
 /// Nothing around changed in this pass or the one before: what could not be done then cannot be done now.
-bool SeamShape::is_settled(const Triangle& t) const {
-  return std::max({last_change_[t[0]], last_change_[t[1]], last_change_[t[2]]}) + 1 < pass_;
+bool SeamShape::is_settled(const Triangle& t) const { return last_change(t) + 1 < pass_; }
+
+std::array<Triangle, 2> SeamShape::turned(std::uint32_t left, std::uint32_t right, std::uint32_t a,
+                                          std::uint32_t b) const {
+  const std::uint32_t c = mesh_.apex(left, a, b), d = mesh_.apex(right, a, b);
+  return {Triangle{a, d, c}, Triangle{d, b, c}};
 }
 
-/// Turns the edge between two seam triangles if their worse one gets better by it. With a measured triangle on one
-/// side, only if a sliver goes and none comes.
-bool SeamShape::flip(std::uint32_t a, std::uint32_t b) {
+/// Whether the worse one of two seam triangles gets better when the edge between them is turned. With a measured
+/// triangle on one side, only if a sliver goes and none comes. Depends on nothing but the triangles at one of them.
+bool SeamShape::gains_by_flip(std::uint32_t a, std::uint32_t b) const {
   const std::uint32_t left = mesh_.find(a, b), right = mesh_.find(b, a);
   if (left == kInvalidIndex || right == kInvalidIndex) return false;
-  const std::uint32_t c = mesh_.apex(left, a, b), d = mesh_.apex(right, a, b);
-  if (mesh_.find(c, d) != kInvalidIndex || mesh_.find(d, c) != kInvalidIndex) return false;
-  const Triangle first = {a, d, c}, second = {d, b, c};
   const double before = std::min(sine_of(mesh_.triangle(left)), sine_of(mesh_.triangle(right)));
   if (before > kGood) return false;
+  const auto [first, second] = turned(left, right, a, b);
   const double after = std::min(sine_of(first), sine_of(second));
   const bool is_all_seam = mesh_.tag(left) == TriangleTag::kSeam && mesh_.tag(right) == TriangleTag::kSeam;
   if (is_all_seam ? after < before + kGain : before > kSliver || after < kSliver) return false;
   const Eigen::Vector3d n = mesh_.area_normal(first), m = mesh_.area_normal(second);
   if (n.dot(m) < kFlatCosine * n.norm() * m.norm()) return false;
+  const std::uint32_t c = first[2], d = first[1];
+  return mesh_.find(c, d) == kInvalidIndex && mesh_.find(d, c) == kInvalidIndex;
+}
+
+bool SeamShape::flip(std::uint32_t a, std::uint32_t b) {
+  if (!gains_by_flip(a, b)) return false;
+  const std::uint32_t left = mesh_.find(a, b), right = mesh_.find(b, a);
+  const auto [first, second] = turned(left, right, a, b);
   return replace({left, right}, {first, second}, kRule);
+}
+
+/// Bit k: from corner k.
+std::uint8_t SeamShape::edges_to_flip(std::uint32_t t) const {
+  const Triangle& c = mesh_.triangle(t);
+  std::uint8_t edges = 0;
+  for (std::size_t k = 0; k < 3; ++k) edges |= std::uint8_t(gains_by_flip(c[k], c[(k + 1) % 3]) << k);
+  return edges;
 }
 
 /// Moves the corners of all triangles at `from` to `to`, if fewer slivers are left in the seam by it.
@@ -92,14 +111,22 @@ bool SeamShape::collapse(std::uint32_t from, std::uint32_t to) {
   return replace(old, wanted, kRule);
 }
 
+// What gains is found out for all at once; what changed since, at one of a triangle's corners, once more.
 std::uint64_t SeamShape::flip_edges(std::uint32_t first) {
-  std::uint64_t flips = 0;
   const auto end = std::uint32_t(mesh_.triangle_count());
+  const auto is_due = [&](std::uint32_t t) {
+    return mesh_.is_alive(t) && mesh_.tag(t) == TriangleTag::kSeam && !is_settled(mesh_.triangle(t));
+  };
+  std::vector<std::uint8_t> edges(end - first, 0);
+  parallel_for(context_, end - first, 1024, [&](std::size_t i) {
+    if (const auto t = first + std::uint32_t(i); is_due(t)) edges[i] = edges_to_flip(t);
+  });
+  std::uint64_t flips = 0;
   for (std::uint32_t t = first; t < end; ++t) {
-    if (!mesh_.is_alive(t) || mesh_.tag(t) != TriangleTag::kSeam) continue;
+    if (!is_due(t)) continue;
     const Triangle c = mesh_.triangle(t);
-    if (is_settled(c)) continue;
-    for (std::size_t k = 0; k < 3 && mesh_.is_alive(t); ++k) flips += flip(c[k], c[(k + 1) % 3]);
+    for (std::size_t k = 0; k < 3 && mesh_.is_alive(t); ++k)
+      if (edges[t - first] >> k & 1 || last_change(c) == pass_) flips += flip(c[k], c[(k + 1) % 3]);
   }
   return flips;
 }

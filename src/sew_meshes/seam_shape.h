@@ -2,6 +2,8 @@
 
 // Better triangles in a seam, without new vertices: edges are turned, and short ones are taken out.
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -26,11 +28,17 @@ class SeamShape {
  private:
   double sine_of(const Triangle& t) const;
   bool replace(const std::vector<std::uint32_t>& old, const std::vector<Triangle>& wanted, const TriangleRule& rule);
+  std::array<Triangle, 2> turned(std::uint32_t left, std::uint32_t right, std::uint32_t a, std::uint32_t b) const;
+  bool gains_by_flip(std::uint32_t a, std::uint32_t b) const;
+  std::uint8_t edges_to_flip(std::uint32_t t) const;
   bool flip(std::uint32_t a, std::uint32_t b);
   bool collapse(std::uint32_t from, std::uint32_t to);
   std::uint64_t flip_edges(std::uint32_t first);
   std::uint64_t collapse_needles(std::uint32_t first);
 
+  std::uint8_t last_change(const Triangle& t) const {
+    return std::max({last_change_[t[0]], last_change_[t[1]], last_change_[t[2]]});
+  }
   bool is_settled(const Triangle& t) const;
 
   LiveMesh& mesh_;
