@@ -17,7 +17,8 @@ constexpr double kGain = 1e-3;  // of the smaller sine, so that flips end
 constexpr double kSliver = 0.182;
 constexpr double kGood = 0.5;  // sine of 30°: nothing to gain from here on
 constexpr double kFlatCosine = 0.5;
-constexpr TriangleRule kRule = {.fold_cosine = 0.0, .facing_cosine = 0.0};
+// No triangle is bent more than this, unless what it replaces was.
+constexpr double kBentCosine = 0, kMostBentCosine = -0.9;
 
 }  // namespace
 
@@ -25,9 +26,20 @@ double SeamShape::sine_of(const Triangle& t) const {
   return smallest_sine(mesh_.position(t[0]), mesh_.position(t[1]), mesh_.position(t[2]));
 }
 
+/// On rough surfaces folds are everywhere: none may get sharper.
+TriangleRule SeamShape::rule_for(const std::vector<std::uint32_t>& old) const {
+  TriangleRule rule{.fold_cosine = kBentCosine, .facing_cosine = kBentCosine};
+  for (const std::uint32_t t : old) {
+    const TriangleCheck::Bend bend = check_.bend_of(mesh_.triangle(t));
+    rule.fold_cosine = std::max(kMostBentCosine, std::min(rule.fold_cosine, bend.fold));
+    rule.facing_cosine = std::max(kMostBentCosine, std::min(rule.facing_cosine, bend.facing));
+  }
+  return rule;
+}
+
 /// All or nothing.
-bool SeamShape::replace(const std::vector<std::uint32_t>& old, const std::vector<Triangle>& wanted,
-                        const TriangleRule& rule) {
+bool SeamShape::replace(const std::vector<std::uint32_t>& old, const std::vector<Triangle>& wanted) {
+  const TriangleRule rule = rule_for(old);
   for (const std::uint32_t t : old) mesh_.remove(t);
   std::vector<std::uint32_t> added;
   for (const Triangle& t : wanted) {
@@ -73,7 +85,7 @@ bool SeamShape::flip(std::uint32_t a, std::uint32_t b) {
   if (!gains_by_flip(a, b)) return false;
   const std::uint32_t left = mesh_.find(a, b), right = mesh_.find(b, a);
   const auto [first, second] = turned(left, right, a, b);
-  return replace({left, right}, {first, second}, kRule);
+  return replace({left, right}, {first, second});
 }
 
 /// Bit k: from corner k.
@@ -108,7 +120,7 @@ bool SeamShape::collapse(std::uint32_t from, std::uint32_t to) {
   }
   // Two triangles go; if more did, the vertices are joined by more than an edge.
   if (old.size() != wanted.size() + 2 || after >= before || worst_after < worst_before) return false;
-  return replace(old, wanted, kRule);
+  return replace(old, wanted);
 }
 
 // What gains is found out for all at once; what changed since, at one of a triangle's corners, once more.

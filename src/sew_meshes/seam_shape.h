@@ -26,8 +26,9 @@ class SeamShape {
   Changes improve(std::uint32_t first);
 
  private:
+  TriangleRule rule_for(const std::vector<std::uint32_t>& old) const;
   double sine_of(const Triangle& t) const;
-  bool replace(const std::vector<std::uint32_t>& old, const std::vector<Triangle>& wanted, const TriangleRule& rule);
+  bool replace(const std::vector<std::uint32_t>& old, const std::vector<Triangle>& wanted);
   std::array<Triangle, 2> turned(std::uint32_t left, std::uint32_t right, std::uint32_t a, std::uint32_t b) const;
   bool gains_by_flip(std::uint32_t a, std::uint32_t b) const;
   std::uint8_t edges_to_flip(std::uint32_t t) const;

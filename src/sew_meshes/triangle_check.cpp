@@ -69,28 +69,36 @@ bool TriangleCheck::is_valid(const Triangle& t, const TriangleRule& rule) const 
 }
 
 bool TriangleCheck::does_fit(const Triangle& t, const TriangleRule& rule) const {
-  const Eigen::Vector3d normal = mesh_.area_normal(t);
-  const double length = normal.norm();
   const auto p = [&](std::size_t k) -> const Eigen::Vector3f& { return mesh_.position(t[k]); };
-  if (!(length > 0) || smallest_sine(p(0), p(1), p(2)) < rule.smallest_sine) return false;
+  if (!(mesh_.area_normal(t).norm() > 0) || smallest_sine(p(0), p(1), p(2)) < rule.smallest_sine) return false;
   if (dominant_plane(p(0), p(1), p(2)) < 0) return false;
   for (std::size_t k = 0; k < 3; ++k) {
     const std::uint32_t a = t[k], b = t[(k + 1) % 3];
     if (mesh_.find(a, b) != kInvalidIndex) return false;
     const std::uint32_t across = mesh_.find(b, a);
-    if (across == kInvalidIndex) continue;
-    if (mesh_.apex(across, a, b) == t[(k + 2) % 3]) return false;  // the two sides of one triangle
-    const Eigen::Vector3d other = mesh_.area_normal(across);
-    if (normal.dot(other) < rule.fold_cosine * length * other.norm()) return false;
+    if (across != kInvalidIndex && mesh_.apex(across, a, b) == t[(k + 2) % 3]) return false;  // two sides of one
   }
   if (rule.corner_cosine >= -1)
     for (std::size_t k = 0; k < 3; ++k)
       if (double(normals_[t[k]].dot(normals_[t[(k + 1) % 3]])) < rule.corner_cosine) return false;
-  if (rule.facing_cosine < -1) return true;
+  const Bend bend = bend_of(t);
+  return bend.fold >= rule.fold_cosine && bend.facing >= rule.facing_cosine;
+}
+
+TriangleCheck::Bend TriangleCheck::bend_of(const Triangle& t) const {
+  Bend bend;
+  const Eigen::Vector3d normal = mesh_.area_normal(t).stableNormalized();
+  for (std::size_t k = 0; k < 3; ++k) {
+    const std::uint32_t across = mesh_.find(t[(k + 1) % 3], t[k]);
+    if (across == kInvalidIndex) continue;
+    bend.fold = std::min(bend.fold, normal.dot(mesh_.area_normal(across).stableNormalized()));
+  }
+  if (normals_.empty()) return bend;
   const Eigen::Vector3d around =
       (normals_[t[0]].cast<double>() + normals_[t[1]].cast<double>() + normals_[t[2]].cast<double>())
           .stableNormalized();
-  return normal.dot(around) >= rule.facing_cosine * length;
+  bend.facing = normal.dot(around);
+  return bend;
 }
 
 bool TriangleCheck::does_overlap(const Triangle& t, const Triangle& s, const Eigen::Vector3d& normal,
