@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/parallel.h"
+#include "lapseam/sensor.h"
 #include "mend/crack_loops.h"
 #include "mend/trim.h"
 #include "patch/by_view.h"
@@ -20,15 +21,24 @@ constexpr std::size_t kLongestSlit = 16;
 // Of a loop that cannot be closed, corners are filled: ten degrees or more, and no folds.
 constexpr TriangleRule kCornerRule = {.smallest_sine = 0.17, .fold_cosine = 0.5};
 
-std::vector<float> sample_noise(const Mesh& mesh, std::span<const Patch> patches, const Witnesses& witnesses) {
-  std::vector<float> sigma_m(mesh.vertex_count());
+struct VertexSamples {
+  std::vector<float> sigma_m, spacing_m;
+};
+
+VertexSamples samples_of(const Mesh& mesh, std::span<const Patch> patches, const Witnesses& witnesses) {
+  VertexSamples samples{std::vector<float>(mesh.vertex_count()), std::vector<float>(mesh.vertex_count())};
   const VerticesByView vertices(mesh, patches.size());
   for (std::size_t i = 0; i < patches.size(); ++i) {
-    for (const std::uint32_t v : vertices.of(i))
-      sigma_m[v] = witnesses.sigma_of(std::uint32_t(i), mesh.vertex_pixel[v]);
+    const auto width = std::uint32_t(patches[i].grid.width);
+    for (const std::uint32_t v : vertices.of(i)) {
+      const std::uint32_t pixel = mesh.vertex_pixel[v];
+      samples.sigma_m[v] = witnesses.sigma_of(std::uint32_t(i), pixel);
+      samples.spacing_m[v] = float(sample_spacing(patches[i].view.sensor, double(pixel % width), double(pixel / width),
+                                                  double(patches[i].view.range.pixels[pixel])));
+    }
     relieve(patches[i]);
   }
-  return sigma_m;
+  return samples;
 }
 
 }  // namespace
@@ -40,11 +50,12 @@ CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const
   StageScope stage(context, "close cracks");
   const Witnesses witnesses(patches, mesh.origin_m, options);
   const std::vector<Eigen::Vector3f> normals = measure_vertices(mesh).normals;
-  const std::vector<float> error_m = expected_errors(mesh, patches), sigma_m = sample_noise(mesh, patches, witnesses);
+  const std::vector<float> error_m = expected_errors(mesh, patches);
+  const VertexSamples samples = samples_of(mesh, patches, witnesses);
   LiveMesh live(mesh);
   TriangleCheck check(live, normals, context);
-  const Layers layers(live, check, error_m, options);
-  CrackLoops cracks(live, check, layers, witnesses, patches, {error_m, sigma_m}, report, context);
+  const Layers layers(live, check, {error_m, samples.spacing_m}, options);
+  CrackLoops cracks(live, check, layers, witnesses, patches, {error_m, samples.sigma_m}, report, context);
 
   report.covered_triangles_removed = trim_double_layers(live, layers, context);
   cracks.close(kLongestLoop, kRule);

@@ -11,6 +11,9 @@ namespace {
 // Surfaces that face apart by more are two sides of a sheet, or meet in a crease.
 constexpr double kSameLayerCosine = 0.5;
 constexpr double kRegistrationFactor = 2;  // twice the median disagreement covers most of it
+// Where views are bent against each other by more than noise and registration, their surfaces part. Two that face alike
+// have the back of the upper one between them: nearer together than two samples, no view has measured that.
+constexpr double kResolvedSpacings = 2;
 
 // Weights of the corners; the middle first.
 constexpr std::array<std::array<double, 3>, 4> kPlaces = {{
@@ -30,12 +33,18 @@ Eigen::Vector3d place_on(const LiveMesh& mesh, const Triangle& t, const std::arr
   return place;
 }
 
+float largest_of(std::span<const float> values, const Triangle& t) {
+  return std::max({values[t[0]], values[t[1]], values[t[2]]});
+}
+
 }  // namespace
 
-float Layers::error_of(const Triangle& t) const { return std::max({error_m_[t[0]], error_m_[t[1]], error_m_[t[2]]}); }
+float Layers::error_of(const Triangle& t) const { return largest_of(resolution_.error_m, t); }
 
 double Layers::thickness_m(const Triangle& t) const {
-  return options_.noise_factor * double(error_of(t)) + kRegistrationFactor * options_.registration_error_m;
+  const double noise =
+      options_.noise_factor * double(error_of(t)) + kRegistrationFactor * options_.registration_error_m;
+  return std::max(noise, kResolvedSpacings * double(largest_of(resolution_.spacing_m, t)));
 }
 
 template <typename Accept>

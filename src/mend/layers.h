@@ -10,6 +10,11 @@
 
 namespace lapseam {
 
+/// Of every vertex: how far it may be off along its normal, and the distance between the samples of its view there.
+struct VertexResolution {
+  std::span<const float> error_m, spacing_m;
+};
+
 /// Answers are const and thread-safe while the mesh stays as it is. What it is made of must outlive it.
 class Layers {
  public:
@@ -19,18 +24,16 @@ class Layers {
     kSpread,  ///< the middle, and three places towards the corners
   };
 
-  /// error_m: per vertex, along its normal.
-  Layers(const LiveMesh& mesh, const TriangleCheck& check, std::span<const float> error_m,
-         const OverlapOptions& options)
-      : mesh_(mesh), check_(check), error_m_(error_m), options_(options) {}
+  Layers(const LiveMesh& mesh, const TriangleCheck& check, VertexResolution resolution, const OverlapOptions& options)
+      : mesh_(mesh), check_(check), resolution_(resolution), options_(options) {}
   /// The same of a draft of that mesh.
   Layers(const LiveMesh& draft, const TriangleCheck& check, const Layers& original)
-      : Layers(draft, check, original.error_m_, original.options_) {}
+      : Layers(draft, check, original.resolution_, original.options_) {}
 
   /// Of the least certain corner.
   float error_of(const Triangle& t) const;
   /// Whether, at one of the places, a living triangle that faces alike and shares no vertex with this one is no farther
-  /// off than the noise of this one allows.
+  /// off than the noise of this one allows, or than its view could have told apart.
   bool is_covered(const Triangle& t, Places places) const;
   /// Whether any living triangle is where the middle of this one is.
   bool has_surface_at(const Triangle& t) const;
@@ -42,7 +45,7 @@ class Layers {
 
   const LiveMesh& mesh_;
   const TriangleCheck& check_;
-  std::span<const float> error_m_;
+  VertexResolution resolution_;
   const OverlapOptions& options_;
 };
 

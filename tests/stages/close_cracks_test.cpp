@@ -7,6 +7,7 @@
 #include "lapseam/context.h"
 #include "lapseam/error.h"
 #include "lapseam/health.h"
+#include "lapseam/sensor.h"
 #include "support/analytic_views.h"
 #include "support/expect_valid_mesh.h"
 #include "support/joined.h"
@@ -120,13 +121,9 @@ TEST(CloseCracks, WhatNobodyMeasuredStaysOpen) {
   EXPECT_EQ(check_health(joined.mesh, {}, context).boundary_loops, loops);
 }
 
-TEST(CloseCracks, OneOfTwoLayersGoesAtTheBorder) {
-  Context context(2);
-  test::Joined joined = plane_from_two_views(context);
-  // A copy of some triangles, a fifth of the noise above them: a flap that sewing would have left.
-  Mesh& mesh = joined.mesh;
-  const auto first = std::uint32_t(mesh.vertex_count());
-  std::vector<std::uint32_t> copy(first, kInvalidIndex);
+/// A copy of some triangles above them: a flap that sewing would have left. How many.
+std::size_t add_flap(Mesh& mesh, float height_m) {
+  std::vector<std::uint32_t> copy(mesh.vertex_count(), kInvalidIndex);
   std::size_t flap = 0;
   for (std::size_t t = 0, end = mesh.triangle_count(); t < end; ++t) {
     if ((middle_of(mesh, t) - Eigen::Vector3f(0.05f, 0.02f, 0)).norm() > 0.15f) continue;
@@ -134,7 +131,7 @@ TEST(CloseCracks, OneOfTwoLayersGoesAtTheBorder) {
     for (std::uint32_t& v : c) {
       if (copy[v] == kInvalidIndex) {
         copy[v] = std::uint32_t(mesh.vertex_count());
-        mesh.positions_m.push_back(mesh.positions_m[v] + Eigen::Vector3f(0.001f, 0.001f, 0.0004f));
+        mesh.positions_m.push_back(mesh.positions_m[v] + Eigen::Vector3f(0.001f, 0.001f, height_m));
         mesh.vertex_view.push_back(mesh.vertex_view[v]);
         mesh.vertex_pixel.push_back(mesh.vertex_pixel[v]);
       }
@@ -145,10 +142,31 @@ TEST(CloseCracks, OneOfTwoLayersGoesAtTheBorder) {
     mesh.triangle_tag.push_back(TriangleTag::kSeam);
     ++flap;
   }
+  return flap;
+}
+
+TEST(CloseCracks, OneOfTwoLayersGoesAtTheBorder) {
+  Context context(2);
+  test::Joined joined = plane_from_two_views(context);
+  const std::size_t flap = add_flap(joined.mesh, 0.0004f);  // a fifth of the noise
   ASSERT_GT(flap, 4u);
-  const CloseCracksReport report = close_cracks(mesh, joined.patches, {}, context);
+  const CloseCracksReport report = close_cracks(joined.mesh, joined.patches, {}, context);
   EXPECT_EQ(report.covered_triangles_removed, flap);
-  for (const Eigen::Vector3f& p : mesh.positions_m) EXPECT_LT(std::abs(p.z()), 1e-5f);
+  for (const Eigen::Vector3f& p : joined.mesh.positions_m) EXPECT_LT(std::abs(p.z()), 1e-5f);
+}
+
+TEST(CloseCracks, LayersThatNoViewCouldTellApartAreOne) {
+  Context context(2);
+  const test::Joined joined = plane_from_two_views(context);
+  const Sensor& sensor = joined.patches[0].view.sensor;
+  const auto spacing = float(sample_spacing(sensor, 0.5 * width(sensor), 0.5 * height(sensor), 2.0));
+  ASSERT_GT(spacing, 4 * kNoise.s0_m);  // noise is not the reason
+  for (const float spacings : {1.5f, 4.0f}) {
+    Mesh mesh = joined.mesh;
+    const std::size_t flap = add_flap(mesh, spacings * spacing);
+    const CloseCracksReport report = close_cracks(mesh, joined.patches, {}, context);
+    EXPECT_EQ(report.covered_triangles_removed, spacings < 2 ? flap : 0) << spacings;
+  }
 }
 
 TEST(CloseCracks, TwoSidesOfASheetBothStay) {
