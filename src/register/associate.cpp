@@ -20,6 +20,12 @@ constexpr float kSideways = 1.0f;
 constexpr std::size_t kFewestColors = 30;
 // Gradients of colours hold for a part of a surfel: as long as views are farther off, geometry leads.
 constexpr double kColorOnTheWay = 0.25;
+// Of the spacing of surfels: what is seen as one colour at last.
+constexpr float kColorSize = 0.5f;
+// The steepest of the colours, which tell how well places are known.
+constexpr double kSteepColors = 0.9;
+// Cosine below which a ray meets a surface nowhere in particular.
+constexpr float kLeastAlong = 0.1f;
 // Share of the distance of a pair below which what is unexplained does not shrink further.
 constexpr double kNearest = 0.5;
 // Below, the errors of normals are not known.
@@ -106,11 +112,109 @@ double share_of(const Surfel& a, const Surfel& b, const Spot& spot, const Match&
   return std::min(1.0, of_pair / double(spot.information_per_m2));
 }
 
-double median_of(std::vector<float>& values) {
-  const auto middle = values.begin() + std::ptrdiff_t(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return double(*middle);
+double quantile_of(std::vector<float>& values, double share) {
+  const auto at = values.begin() + std::ptrdiff_t(share * double(values.size()));
+  std::nth_element(values.begin(), at, values.end());
+  return double(*at);
 }
+double median_of(std::vector<float>& values) { return quantile_of(values, 0.5); }
+
+// A colour of a on the surface of b.
+struct ColorMatch {
+  std::uint32_t match = 0;
+  float difference = 0;  // b's less a's
+  Eigen::Vector3f point_in_b = Eigen::Vector3f::Zero();
+  Eigen::Vector3f per_m = Eigen::Vector3f::Zero();  // how b's changes along the surface
+};
+
+class ColorMatcher {
+ public:
+  ColorMatcher(const Posed& a, const Posed& b)
+      : a_(a), b_(b), spacing_a_(spacing_line(*a.sensor)), spacing_b_(spacing_line(*b.sensor)) {
+    const Eigen::Isometry3d T_b_a = b.T_world_view.inverse(Eigen::Isometry) * a.T_world_view;
+    R_ = T_b_a.linear().cast<float>();
+    t_ = T_b_a.translation().cast<float>();
+  }
+
+  std::vector<ColorMatch> run(const std::vector<Match>& matches) const {
+    std::vector<ColorMatch> out;
+    for (std::uint32_t k = 0; k < matches.size(); ++k) {
+      const Match& match = matches[k];
+      if (!std::isfinite(a_.image->brightness[match.a]) || !std::isfinite(b_.image->brightness[match.b])) continue;
+      ColorMatch color;
+      color.match = k;
+      if (a_.brightness && b_.brightness ? look_up(match, color) : extrapolate(match, color)) out.push_back(color);
+    }
+    return out;
+  }
+
+ private:
+  bool extrapolate(const Match& match, ColorMatch& out) const {
+    out.point_in_b = b_.image->surfels[match.b].point;
+    out.per_m = b_.image->brightness_gradient_per_m[match.b];
+    const Eigen::Vector3f d = R_ * a_.image->surfels[match.a].point + t_ - out.point_in_b;
+    out.difference = b_.image->brightness[match.b] + out.per_m.dot(d) - a_.image->brightness[match.a];
+    return true;
+  }
+
+  // Where a's ray meets what both know of the surface: the noise of a's range alone would move the place in b's
+  // picture.
+  bool look_up(const Match& match, ColorMatch& out) const {
+    const Surfel &sa = a_.image->surfels[match.a], &sb = b_.image->surfels[match.b];
+    const float size =
+        kColorSize * std::max(spacing_of(*a_.image, spacing_a_, sa), spacing_of(*b_.image, spacing_b_, sb));
+    const Eigen::Vector3f ray = R_ * sa.point.normalized(), normal = match.normal_in_b;
+    const float along = normal.dot(ray), share = sa.sigma_m * sa.sigma_m / match.variance_m2;
+    if (!(along < -kLeastAlong)) return false;
+    const Eigen::Vector3f p = R_ * sa.point + t_ - (share * match.residual_m / along) * ray;
+    const auto change = [&](const Eigen::Vector3f& e) {
+      const Eigen::Vector3f half = 0.5f * size * e;
+      return ((*b_.brightness)(p + half, size) - (*b_.brightness)(p - half, size)) / size * e;
+    };
+    const Eigen::Vector3f e = normal.unitOrthogonal();
+    out.point_in_b = p;
+    out.per_m = change(e) + change(normal.cross(e));
+    out.difference = (*b_.brightness)(p, size) - (*a_.brightness)(sa.point, size);
+    return std::isfinite(out.difference) && std::isfinite(out.per_m.squaredNorm());
+  }
+
+  static float spacing_of(const SurfelImage& image, const SpacingLine& spacing, const Surfel& surfel) {
+    return float(image.factor * spacing.at(double(surfel.point.norm())));
+  }
+
+  const Posed& a_;
+  const Posed& b_;
+  const SpacingLine spacing_a_, spacing_b_;
+  Eigen::Matrix3f R_;
+  Eigen::Vector3f t_;
+};
+
+// What colours differ by, less the exposure: on plain surfaces, and more where brightness is steep, since places are
+// uncertain. One spread for all would take it from the many on plain walls, and what tells most would be beyond the
+// gate.
+struct ColorSpread {
+  double exposure = 0;
+  double plain = 1;  // variance
+  double place_m2 = 0;
+
+  explicit ColorSpread(const std::vector<ColorMatch>& colors) {
+    std::vector<float> values;
+    for (const ColorMatch& color : colors) values.push_back(color.difference);
+    exposure = median_of(values);
+    values.clear();
+    for (const ColorMatch& color : colors) values.push_back(color.per_m.norm());
+    const double half = median_of(values), steep = quantile_of(values, kSteepColors);
+    std::vector<float> on_plain, places;
+    for (const ColorMatch& color : colors) {
+      const float off = std::abs(color.difference - float(exposure)), per_m = color.per_m.norm();
+      if (double(per_m) <= half) on_plain.push_back(off);
+      if (double(per_m) >= steep && per_m > 0) places.push_back(off / per_m);
+    }
+    plain = std::pow(std::max(kNormalPerMedian * median_of(on_plain), 1.0 / 255), 2);
+    if (!places.empty()) place_m2 = std::pow(kNormalPerMedian * median_of(places), 2);
+  }
+  double variance(const ColorMatch& color) const { return plain + place_m2 * double(color.per_m.squaredNorm()); }
+};
 
 }  // namespace
 
@@ -205,38 +309,21 @@ void add_geometry(const Posed& a, const Posed& b, const std::vector<Match>& matc
 void add_color(const Posed& a, const Posed& b, const std::vector<Match>& matches, const Gate& gate,
                const Eigen::Vector3d& center, double sign, PairSums& sums) {
   if (a.image->brightness.empty() || b.image->brightness.empty()) return;
-  const Eigen::Isometry3d T_b_a = b.T_world_view.inverse(Eigen::Isometry) * a.T_world_view;
-  const Eigen::Matrix3f R = T_b_a.linear().cast<float>();
-  const Eigen::Vector3f t = T_b_a.translation().cast<float>();
-  std::vector<float> differences;
-  std::vector<std::size_t> used;
-  for (std::size_t k = 0; k < matches.size(); ++k) {
-    const Match& match = matches[k];
-    const float ca = a.image->brightness[match.a], cb = b.image->brightness[match.b];
-    if (!std::isfinite(ca) || !std::isfinite(cb)) continue;
-    const Eigen::Vector3f p = R * a.image->surfels[match.a].point + t;
-    const Eigen::Vector3f d = p - b.image->surfels[match.b].point;
-    differences.push_back(cb + b.image->brightness_gradient_per_m[match.b].dot(d) - ca);
-    used.push_back(k);
-  }
-  if (differences.size() < kFewestColors) return;
-  std::vector<float> copy = differences;
-  const double exposure = median_of(copy);
-  for (float& c : copy) c = std::abs(c - float(exposure));
-  const double spread = std::max(kNormalPerMedian * median_of(copy), 1.0 / 255);
-  const double weight = 1 / (spread * spread);
+  const std::vector<ColorMatch> colors = ColorMatcher(a, b).run(matches);
+  if (colors.size() < kFewestColors) return;
+  const ColorSpread spread(colors);
   Matrix6d H = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();
-  for (std::size_t k = 0; k < used.size(); ++k) {
-    const Match& match = matches[used[k]];
-    const double r = double(differences[k]) - exposure;
+  for (const ColorMatch& color : colors) {
+    const Match& match = matches[color.match];
+    const double r = double(color.difference) - spread.exposure, variance = spread.variance(color);
     const double fit = tukey(double(match.residual_m), gate.at(match));
     const double share = a.spots ? std::min(1.0, 2 / double((*a.spots)[match.a].views)) : kColorOnTheWay;
-    const double w = weight * share * fit * tukey(r, kTukey * spread);
+    const double w = share * fit * tukey(r, kTukey * std::sqrt(variance)) / variance;
     if (!(w > 0)) continue;
     const Eigen::Isometry3d& T = b.T_world_view;
-    const Eigen::Vector3d x = T * b.image->surfels[match.b].point.cast<double>() - center;
-    const Eigen::Vector3d d = T.linear() * b.image->brightness_gradient_per_m[match.b].cast<double>();
+    const Eigen::Vector3d x = T * color.point_in_b.cast<double>() - center;
+    const Eigen::Vector3d d = T.linear() * color.per_m.cast<double>();
     Vector6d J;
     J << x.cross(d), d;
     H.noalias() += (w * J) * J.transpose();

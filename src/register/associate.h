@@ -29,6 +29,7 @@ struct Posed {
   const KdTree* tree = nullptr;  ///< of the usable surfels, in their order; may be null: no search by distance
   const Eigen::AlignedBox3d* box_in_view = nullptr;
   Eigen::Isometry3d T_world_view = Eigen::Isometry3d::Identity();
+  const BrightnessAt* brightness = nullptr;  ///< its picture; null: colours are those of the surfels
   const std::vector<Spot>* spots = nullptr;  ///< of its surfels; null: not known, each pair counts by itself
 };
 
@@ -97,7 +98,7 @@ void add_geometry(const Posed& a, const Posed& b, const std::vector<Match>& matc
                   const Eigen::Vector3d& center, double sign, PairSums& sums);
 
 /// Adds what the colours tell: their differences, less the median one (exposure), along the surface. Weighted by their
-/// own spread, so that pictures that do not fit hardly count.
+/// own spread, on plain surfaces and by how steep brightness is, so that pictures that do not fit hardly count.
 void add_color(const Posed& a, const Posed& b, const std::vector<Match>& matches, const Gate& gate,
                const Eigen::Vector3d& center, double sign, PairSums& sums);
 

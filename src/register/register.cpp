@@ -88,9 +88,10 @@ void Registrar::judge_noise() {
 void Registrar::make_pyramids() {
   StageScope stage(context_, "surfels", n_);
   pyramids_.resize(n_);
+  brightness_.resize(n_);
   parallel_for(context_, n_, 1, [&](std::size_t i) {
-    BrightnessAt brightness;
-    if (options_.use_color && pictures_)
+    BrightnessAt& brightness = brightness_[i];
+    if (!brightness && options_.use_color && pictures_)
       if (const auto picture = pictures_(i)) brightness = make_brightness(*picture);
     pyramids_[i] = make_surfels(views_[i], noise_[i], is_symmetric_in_range_[i], kMostSurfels, brightness);
     stage.advance();
@@ -186,7 +187,10 @@ void Registrar::associate_all(int level, const std::vector<std::optional<KdTree>
   std::vector<Posed> posed = posed_at(level);
   for (std::size_t i = 0; i < n_; ++i)
     if (trees[i]) posed[i].tree = &*trees[i];
-  for (std::size_t i = 0; i < n_ && surfels == kAll && !spots_.empty(); ++i) posed[i].spots = &spots_[i];
+  for (std::size_t i = 0; i < n_ && surfels == kAll && !spots_.empty(); ++i) {
+    posed[i].spots = &spots_[i];
+    if (brightness_[i]) posed[i].brightness = &brightness_[i];
+  }
   parallel_for(context_, pairs_.size(), 1, [&](std::size_t k) {
     if (!pairs_[k].is_dropped) associate(pairs_[k], posed, surfels);
   });

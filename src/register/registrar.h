@@ -135,6 +135,7 @@ class Registrar {
   RegisterResult result_;
   std::vector<bool> is_symmetric_in_range_;
   std::vector<SurfelPyramid> pyramids_;
+  std::vector<BrightnessAt> brightness_;  // empty: no picture
   int levels_ = 0;
   double capture_m_ = 0;
   double scale_m_ = 0;

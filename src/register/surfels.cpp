@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 namespace lapseam {
 namespace {
@@ -13,7 +14,12 @@ constexpr std::size_t kCoarsest = 1000;
 // Between samples of one surface: tan 76°, and four standard deviations of the noise.
 constexpr float kSteepest = 4, kNoiseFactor = 4;
 // Neighbouring steps of one smooth surface may differ by this many spacings beyond the noise; past that it is a crease.
-constexpr float kBend = 0.25f;
+// The first is of five values in three rows, the second of three values: it holds where thin or curved surfaces have no
+// such rows, unless noise would let more than a whole spacing pass.
+constexpr float kBend = 0.0625f, kBendOfThree = 0.25f, kMostBend = 1;
+// Creases and small steps that are not told from noise make surfels that are off, always to the same side; what is
+// taken for one without being it costs little, since rows beside it serve as well.
+constexpr float kBendNoise = 2.5f;
 // Surfaces more oblique than 75° have normals that a little noise turns.
 constexpr float kLeastCosine = 0.26f;
 // Normals less certain than 6° tell more of the noise than of the surface.
@@ -65,11 +71,12 @@ class Maker {
  private:
   bool can_halve() const { return level_.value.width >= 16 && level_.value.height >= 16; }
   float range_of(float value) const { return is_central_ ? 1 / value : value; }
+  // Change of the value per metre of range.
+  float slope_at(float value) const { return is_central_ ? value * value : 1.0f; }
   float spacing_at(float value) const { return float(level_.factor) * float(spacing_.at(double(range_of(value)))); }
   // Largest difference of two values of one surface, `steps` surfels apart.
   float limit_at(float value, float sigma, float steps) const {
-    const float slope = is_central_ ? value * value : 1.0f;
-    return kSteepest * steps * spacing_at(value) * slope + kNoiseFactor * sigma;
+    return kSteepest * steps * spacing_at(value) * slope_at(value) + kNoiseFactor * sigma;
   }
 
   void halve() {
@@ -107,12 +114,11 @@ class Maker {
     return true;
   }
 
+  int wrapped(int u) const { return wraps_ ? (u + level_.value.width) % level_.value.width : u; }
+
   float value_at(int u, int v) const {
-    if (v < 0 || v >= level_.value.height) return 0;
-    if (u < 0 || u >= level_.value.width) {
-      if (!wraps_) return 0;
-      u = (u + level_.value.width) % level_.value.width;
-    }
+    u = wrapped(u);
+    if (u < 0 || u >= level_.value.width || v < 0 || v >= level_.value.height) return 0;
     return level_.value.at(u, v);
   }
 
@@ -121,26 +127,79 @@ class Maker {
     float variance = 0;  // in units of the value's variance
   };
 
-  // Along (du, dv): over five values in three rows where all belong to one surface, else over three values.
-  bool gradient(int u, int v, int du, int dv, Gradient& out) const {
-    const float x = level_.value.at(u, v), sigma = level_.sigma.at(u, v);
-    const float bend = kNoiseFactor * 2.45f * sigma + kBend * spacing_at(x) * (is_central_ ? x * x : 1.0f);
-    const auto near = [&](int steps, int row) {
-      const float other = value_at(u + steps * du + row * dv, v + steps * dv + row * du);
-      const auto far = float(std::max(std::abs(steps), std::abs(row)));
-      return other > 0 && std::abs(other - x) <= limit_at(x, 1.42f * sigma, far) ? other : 0.0f;
-    };
-    const float before = near(-1, 0), after = near(1, 0);
-    if (!(before > 0) || !(after > 0) || std::abs(before + after - 2 * x) > bend) return false;
-    out = {0.5f * (after - before), 0.5f};
-    float sum = 0;
-    for (int row = -1; row <= 1; ++row) {
-      const float b2 = near(-2, row), b1 = near(-1, row), a1 = near(1, row), a2 = near(2, row), c = near(0, row);
-      if (!(b2 > 0) || !(b1 > 0) || !(a1 > 0) || !(a2 > 0) || !(c > 0)) return true;
-      if (std::abs(b2 + a2 - 2 * c) > bend || std::abs(b1 + a1 - 2 * c) > bend) return true;
-      sum += 2 * (a2 - b2) + a1 - b1;
+  // Five values in three rows along (du, dv).
+  struct Run {
+    static constexpr float kNone = std::numeric_limits<float>::max();
+    float slope = 0;     // of the rows' mean, per surfel
+    float bend = kNone;  // what it is off a straight line by, over what a smooth surface and its noise may be
+    bool exists() const { return bend < kNone; }
+    bool is_smooth() const { return bend <= 1; }
+  };
+
+  Run run_at(int u, int v, int du, int dv) const {
+    Run out;
+    const float x = value_at(u, v);
+    if (!(x > 0)) return out;
+    const float sigma = level_.sigma.at(wrapped(u), v);
+    std::array<float, 5> y{};  // sums of three
+    for (int row = -1; row <= 1; ++row)
+      for (int k = -2; k <= 2; ++k) {
+        const float other = value_at(u + k * du + row * dv, v + k * dv + row * du);
+        const auto far = float(std::max(std::abs(k), std::abs(row)));
+        if (!(other > 0) || std::abs(other - x) > limit_at(x, 1.42f * sigma, far)) return out;
+        y[std::size_t(k + 2)] += other;
+      }
+    // Orthogonal polynomials of second degree (creases) and of third (steps), of unit length.
+    const float second = (2 * (y[0] - y[2] + y[4]) - y[1] - y[3]) / std::sqrt(14.0f);
+    const float third = (y[4] - y[0] - 2 * (y[3] - y[1])) / std::sqrt(10.0f);
+    const float smooth = kBend * spacing_at(x) * slope_at(x) * 0.5f * std::sqrt(14.0f);
+    out.slope = (2 * (y[4] - y[0]) + y[3] - y[1]) / 30;
+    out.bend = std::hypot(second, third) / (3 * smooth + kBendNoise * std::sqrt(3.0f) * sigma);
+    return out;
+  }
+
+  // How far to go along (du, dv) for a run of one smooth surface with this surfel; nothing where there is none. A bend
+  // that is largest here is in the surfel itself, so that its mean is off; from others, runs lead away.
+  std::optional<int> way_to_run(int u, int v, int du, int dv) const {
+    const auto at = [&](int k) { return run_at(u + k * du, v + k * dv, du, dv); };
+    const Run here = at(0);
+    if (here.is_smooth()) return 0;
+    std::array<int, 4> ways = {-1, 1, -2, 2};
+    if (here.exists()) {
+      const Run before = at(-1), after = at(1);
+      const float b = before.exists() ? before.bend : 0, a = after.exists() ? after.bend : 0;
+      if (here.bend >= std::max(a, b)) return std::nullopt;
+      const int away = b > a ? 1 : -1;
+      ways = {2 * away, away, 2 * away, away};
     }
-    out = {sum / 30, 1.0f / 30};
+    for (const int k : ways)
+      if (at(k).is_smooth()) return k;
+    return std::nullopt;
+  }
+
+  bool gradients(int u, int v, Gradient& along_u, Gradient& along_v) const {
+    const std::optional<int> way_u = way_to_run(u, v, 1, 0), way_v = way_to_run(u, v, 0, 1);
+    if (!way_u || !way_v) return gradient_of_three(u, v, 1, 0, along_u) && gradient_of_three(u, v, 0, 1, along_v);
+    const auto sign = [](int k) { return (k > 0) - (k < 0); };
+    Run run_u = run_at(u + *way_u, v + sign(*way_v), 1, 0), run_v = run_at(u + sign(*way_u), v + *way_v, 0, 1);
+    if (!run_u.exists()) run_u = run_at(u + *way_u, v, 1, 0);
+    if (!run_v.exists()) run_v = run_at(u, v + *way_v, 0, 1);
+    along_u = {run_u.slope, 1.0f / 30};
+    along_v = {run_v.slope, 1.0f / 30};
+    return true;
+  }
+
+  bool gradient_of_three(int u, int v, int du, int dv, Gradient& out) const {
+    const float x = level_.value.at(u, v), sigma = level_.sigma.at(u, v), spacing = spacing_at(x) * slope_at(x);
+    const float bend = kNoiseFactor * 2.45f * sigma + kBendOfThree * spacing;
+    const auto near = [&](int steps) {
+      const float other = value_at(u + steps * du, v + steps * dv);
+      return other > 0 && std::abs(other - x) <= limit_at(x, 1.42f * sigma, 1) ? other : 0.0f;
+    };
+    const float before = near(-1), after = near(1);
+    if (bend > kMostBend * spacing || !(before > 0) || !(after > 0) || std::abs(before + after - 2 * x) > bend)
+      return false;
+    out = {0.5f * (after - before), 0.5f};
     return true;
   }
 
@@ -155,7 +214,7 @@ class Maker {
     };
     const Eigen::Vector3d point = at(0, 0, x);
     out.point = point.cast<float>();
-    if (!gradient(u, v, 1, 0, along_u) || !gradient(u, v, 0, 1, along_v)) return out;
+    if (!gradients(u, v, along_u, along_v)) return out;
     const float h = 0.5f;  // half a surfel either way, so that values stay positive
     const Eigen::Vector3d tangent_u = at(0.5, 0, x + h * along_u.slope) - at(-0.5, 0, x - h * along_u.slope);
     const Eigen::Vector3d tangent_v = at(0, 0.5, x + h * along_v.slope) - at(0, -0.5, x - h * along_v.slope);
