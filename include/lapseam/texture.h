@@ -43,7 +43,11 @@ struct TextureReport {
   /// How far images are apart on the surface, pixels, before and after they are aligned (median of their deviations).
   double displacement_before_px = 0, displacement_after_px = 0;
   std::uint64_t bent_images = 0;  ///< that had to be bent for it, beside what their cameras were moved
-  /// Colour steps at borders of images within charts, levels: equalized alone, and with what levelling has left.
+  /// Colour steps at all borders between images, between charts and within, levels: equalized alone, and with what
+  /// levelling has left, before pages are coded.
+  double step_before = 0, step_before_p95 = 0;
+  double step_after = 0, step_after_p95 = 0;
+  /// Of these, those within charts, which nothing in the model shows.
   double inner_step_before = 0, inner_step_before_p95 = 0;
   double inner_step_after = 0, inner_step_after_p95 = 0;
 
@@ -58,8 +62,8 @@ struct TextureReport {
 /// shows have no page either, and are marked as unseen; their vertex colours continue those around them. `sources[i]`
 /// is view i of the mesh's provenance; views without colour are no candidates, those with several images are one for
 /// each. The mesh's provenance stays as it is; without it, any view may show any triangle. Images are decoded at most
-/// four times, one per thread at a time; memory otherwise: five bytes for each pixel of the pages, and about 100 bytes a
-/// triangle. The same bytes for any number of threads. Throws InvalidInput when a limit cannot be met, and what
+/// four times, one per thread at a time; memory otherwise: five bytes for each pixel of the pages, and about 100 bytes
+/// a triangle. The same bytes for any number of threads. Throws InvalidInput when a limit cannot be met, and what
 /// load_color throws.
 TextureReport texture(Mesh& mesh, std::span<const ViewSource> sources, const TextureOptions& options, Context& context);
 

@@ -162,6 +162,23 @@ class Aligning {
     return displacement_px;
   }
 
+  /// How much of the contrast of the mean of all each image has, as a logarithm: blurred ones have less.
+  std::vector<float> measure_sharpness() {
+    const std::size_t finest = kBands.size() - 1;
+    average(finest);
+    std::vector<float> sharpness(sources_.size(), 0);
+    parallel_for(context_, sources_.size(), 1, [&](std::size_t view) {
+      double products = 0, squares = 0;
+      for_observations(finest, view, [&](const Seen& seen, float r, const Eigen::Vector2f&) {
+        const auto mean = double(sum_[seen.spot] / count_[seen.spot]);
+        products += mean * (mean + double(r));
+        squares += mean * mean;
+      });
+      if (products > 0 && squares > 0) sharpness[view] = float(std::log(products / squares));
+    });
+    return sharpness;
+  }
+
   void align() {
     for (std::size_t level = 0; level < kBands.size(); ++level) {
       for (int round = 0; round < kRounds; ++round) {
@@ -503,6 +520,7 @@ Alignment align_images(const Mesh& mesh, std::span<const ViewSource> sources, Co
   if (!(after_px < out.before_px)) return out;
   out.displacement_px = std::move(after);
   out.after_px = after_px;
+  out.sharpness = aligning.measure_sharpness();
   out.bent = aligning.take(cameras);
   out.is_aligned = true;
   return out;

@@ -19,6 +19,9 @@ struct Alignment {
   std::vector<float> displacement_px;
   double before_px = 0, after_px = 0;  ///< their medians
   bool is_aligned = false;             ///< cameras have changed
+  /// Of each image, if they are aligned: the logarithm of its contrast over that of the mean of all; blurred ones have
+  /// less.
+  std::vector<float> sharpness;
   std::uint64_t bent = 0;              ///< images
 };
 

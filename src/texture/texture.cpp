@@ -124,6 +124,11 @@ class Texturing {
                    std::min(double(found.displacement_px[i]), expected_displacement_px(i)));
     });
     scene_.reset();
+    // Better than what equalize finds: images are compared with what all show together, so noise is no detail.
+    if (found.is_aligned && options_.equalize) {
+      const float sharpest = *std::max_element(found.sharpness.begin(), found.sharpness.end());
+      for (std::size_t i = 0; i < blur_.size(); ++i) blur_[i] = sharpest - found.sharpness[i];
+    }
   }
 
   double expected_displacement_px(std::size_t view) const {
@@ -396,6 +401,10 @@ class Texturing {
         const Chart& chart = charts_.charts[c];
         correct_chart(chart, levelling_->correction_of(std::uint32_t(c)), mesh_.pages[std::size_t(chart.place.page)]);
       });
+      report_.step_before = levelling_->steps_before().median;
+      report_.step_before_p95 = levelling_->steps_before().p95;
+      report_.step_after = levelling_->steps_after().median;
+      report_.step_after_p95 = levelling_->steps_after().p95;
       report_.inner_step_before = levelling_->inner_steps_before().median;
       report_.inner_step_before_p95 = levelling_->inner_steps_before().p95;
       report_.inner_step_after = levelling_->inner_steps_after().median;

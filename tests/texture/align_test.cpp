@@ -99,6 +99,27 @@ TEST(Align, WhatAgreesIsLeftWhereItIs) {
   EXPECT_LT(aligned.distance, as_it_is.distance + 1);
 }
 
+// Blurred and sharp images of one camera after the other: where both show the wall, the sharp one has to be chosen.
+TEST(Align, BlurredImagesAreKnownByTheirContrast) {
+  StripedWall wall = make_striped_wall({0, 0.01, 0}, 1);
+  for (std::size_t i = 1; i < wall.sources.size(); i += 2) {
+    const ColorImage& sharp = *wall.sources[i].color->memory;
+    auto blurred = std::make_shared<ColorImage>(sharp);
+    for (int v = 3; v + 3 < sharp.height; ++v)
+      for (int u = 3; u + 3 < sharp.width; ++u) {
+        Eigen::Vector3i sum(24, 24, 24);
+        for (int k = 0; k < 49; ++k) {
+          const Rgb8 c = sharp.at(u + k % 7 - 3, v + k / 7 - 3);
+          sum += Eigen::Vector3i(c.r, c.g, c.b);
+        }
+        blurred->at(u, v) = {std::uint8_t(sum.x() / 49), std::uint8_t(sum.y() / 49), std::uint8_t(sum.z() / 49)};
+      }
+    wall.sources[i].color->memory = blurred;
+  }
+  const Aligned with = align_texture(wall, kExpected_m), without = align_texture(wall, 0);
+  EXPECT_LT(with.distance, 0.6 * without.distance);
+}
+
 TEST(Align, SameForAnyNumberOfThreads) {
   const StripedWall wall = make_striped_wall({0.004, 0.015, 0}, 1.01);
   allow_threads(3);
