@@ -38,6 +38,7 @@ class Bar:
 
 
 BESIDE = "in one run (--peers)"
+UNCODED = "as levelled, before pages are coded"
 
 
 def seams(scenes, *rest, **named):
@@ -61,7 +62,6 @@ def f_scores(scene, *limits):
             for mm, limit in zip(DISTANCES_MM, limits)]
 
 
-UNCODED = "as levelled, before pages are coded"
 BARS = [
     # ---- clean seams
     seams(ALL, "non-manifold edges", "nonmanifold", "<=", 0),
