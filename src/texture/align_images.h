@@ -22,7 +22,7 @@ struct Alignment {
   /// Of each image, if they are aligned: the logarithm of its contrast over that of the mean of all; blurred ones have
   /// less.
   std::vector<float> sharpness;
-  std::uint64_t bent = 0;              ///< images
+  std::uint64_t bent = 0;  ///< images
 };
 
 /// Poses that are some millimetres off displace images by some pixels on the surface, cameras that are not quite known
