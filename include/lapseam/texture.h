@@ -21,7 +21,8 @@ struct TextureOptions {
   bool equalize = true;            ///< one exposure, white balance and vignetting for all images
   bool level = true;               ///< take the steps out of the borders between images
   bool choose = true;              ///< let better images take over from those that triangles were measured with
-  /// How far views are apart from each other: colour near jumps of depth is not trusted within that.
+  /// How far views are apart from each other: images are aligned where that brings them together, and colour near jumps
+  /// of depth is not trusted within what is left.
   double registration_error_m = 0;
 };
 
@@ -39,7 +40,14 @@ struct TextureReport {
   std::uint64_t observations = 0;              ///< that exposures were estimated from
   double lowest_gain = 1, highest_gain = 1;    ///< of the views, mean of the channels
   double color_residual_before = 0, color_residual_after = 0;  ///< median, as a share of the colour
-  /// Colour steps at borders of images within charts, levels: equalized alone, and with what levelling has left.
+  /// How far images are apart on the surface, pixels, before and after they are aligned (median of their deviations).
+  double displacement_before_px = 0, displacement_after_px = 0;
+  std::uint64_t bent_images = 0;  ///< that had to be bent for it, beside what their cameras were moved
+  /// Colour steps at all borders between images, between charts and within, levels: equalized alone, and with what
+  /// levelling has left, before pages are coded.
+  double step_before = 0, step_before_p95 = 0;
+  double step_after = 0, step_after_p95 = 0;
+  /// Of these, those within charts, which nothing in the model shows.
   double inner_step_before = 0, inner_step_before_p95 = 0;
   double inner_step_after = 0, inner_step_after_p95 = 0;
 
@@ -54,8 +62,8 @@ struct TextureReport {
 /// shows have no page either, and are marked as unseen; their vertex colours continue those around them. `sources[i]`
 /// is view i of the mesh's provenance; views without colour are no candidates, those with several images are one for
 /// each. The mesh's provenance stays as it is; without it, any view may show any triangle. Images are decoded at most
-/// twice, one per thread at a time; memory otherwise: five bytes for each pixel of the pages, and about 100 bytes a
-/// triangle. The same bytes for any number of threads. Throws InvalidInput when a limit cannot be met, and what
+/// four times, one per thread at a time; memory otherwise: five bytes for each pixel of the pages, and about 100 bytes
+/// a triangle. The same bytes for any number of threads. Throws InvalidInput when a limit cannot be met, and what
 /// load_color throws.
 TextureReport texture(Mesh& mesh, std::span<const ViewSource> sources, const TextureOptions& options, Context& context);
 

@@ -20,6 +20,13 @@ ColorCamera::ColorCamera(const ViewSource& source, const Eigen::Vector3d& mesh_o
   if (is_central_) find_cone();
 }
 
+void ColorCamera::move(const Eigen::Isometry3d& motion) {
+  T_color_mesh_ = T_color_mesh_ * motion;
+  T_mesh_color_ = T_color_mesh_.inverse();
+  center_ = T_mesh_color_.translation().cast<float>();
+  if (is_central_) find_cone();
+}
+
 bool ColorCamera::project(const Eigen::Vector3f& position_m, Eigen::Vector2f& pixel) const {
   return project_within(position_m, 0, 0, pixel);
 }
@@ -33,6 +40,7 @@ bool ColorCamera::project_within(const Eigen::Vector3f& position_m, int margin_x
   const auto out = lapseam::project(camera_, T_color_mesh_ * position_m.cast<double>());
   if (!out || !(out->r > 0)) return false;
   pixel = {float(out->u), float(out->v)};
+  if (is_bent()) pixel += warp_.at(pixel);
   return pixel.x() >= -0.5f - float(margin_x) && pixel.x() <= float(width_ + margin_x) - 0.5f &&
          pixel.y() >= -0.5f - float(margin_y) && pixel.y() <= float(height_ + margin_y) - 0.5f;
 }
@@ -40,11 +48,13 @@ bool ColorCamera::project_within(const Eigen::Vector3f& position_m, int margin_x
 Eigen::Vector3f ColorCamera::ray_origin(const Eigen::Vector2f& pixel) const {
   // At range 0 every sensor has the point where its ray begins.
   if (is_central_) return center_;
-  return (T_mesh_color_ * unproject(camera_, double(pixel.x()), double(pixel.y()), 0.0)).cast<float>();
+  const Eigen::Vector2f at = unbent(pixel);
+  return (T_mesh_color_ * unproject(camera_, double(at.x()), double(at.y()), 0.0)).cast<float>();
 }
 
 Eigen::Vector3f ColorCamera::ray_direction(const Eigen::Vector2f& pixel) const {
-  return (T_mesh_color_.linear() * lapseam::ray_direction(camera_, double(pixel.x()), double(pixel.y()))).cast<float>();
+  const Eigen::Vector2f at = unbent(pixel);
+  return (T_mesh_color_.linear() * lapseam::ray_direction(camera_, double(at.x()), double(at.y()))).cast<float>();
 }
 
 void ColorCamera::find_cone() {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "lapseam/view.h"
+#include "texture/image_warp.h"
 
 namespace lapseam {
 
@@ -26,6 +27,13 @@ class ColorCamera {
   /// False only when the camera sees nothing of the ball.
   bool may_see(const Eigen::Vector3f& center_m, float radius_m) const;
 
+  /// From now on the mesh is taken to lie moved by that before the camera.
+  void move(const Eigen::Isometry3d& motion);
+
+  /// From now on the image is taken to show things that much beside of where they should be. Not for one that wraps.
+  void bend(ImageWarp warp) { warp_ = std::move(warp); }
+  bool is_bent() const { return !warp_.nodes.empty(); }
+
   int width() const { return width_; }
   int height() const { return height_; }
   bool wraps() const { return wraps_; }
@@ -38,6 +46,7 @@ class ColorCamera {
 
  private:
   void find_cone();
+  Eigen::Vector2f unbent(const Eigen::Vector2f& pixel) const { return is_bent() ? warp_.undo(pixel) : pixel; }
   bool project_within(const Eigen::Vector3f& position_m, int margin_x, int margin_y, Eigen::Vector2f& pixel) const;
 
   const Sensor& camera_;
@@ -46,6 +55,7 @@ class ColorCamera {
   bool wraps_, is_central_;
   Eigen::Vector3f center_, axis_;
   float cone_rad_ = 4;  ///< half of the opening; over π: not known, or all directions
+  ImageWarp warp_;      ///< without nodes: none
 };
 
 /// One for each source with a colour image, null for the others.

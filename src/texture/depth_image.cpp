@@ -83,7 +83,7 @@ bool DepthImage::is_hidden(const Eigen::Vector2f& pixel, float distance) const {
   return is_near_step.at(u, v) != 0 && distance > distance_m.at(u, v) * (1 + kTolerance);
 }
 
-DepthImage render_depth(const ColorCamera& camera, const RayScene& scene, int stride, double fringe_m) {
+DepthImage render_depth(const ColorCamera& camera, const RayScene& scene, int stride) {
   DepthImage out;
   out.stride = stride;
   out.distance_m = Image<float>((camera.width() + stride - 1) / stride, (camera.height() + stride - 1) / stride);
@@ -95,16 +95,18 @@ DepthImage render_depth(const ColorCamera& camera, const RayScene& scene, int st
       const RayHit hit = scene.cast(camera.ray_origin(pixel), camera.ray_direction(pixel));
       out.distance_m.at(u, v) = hit ? hit.t : kInfinity;
     }
-  // Pixels per metre where the model is at its middle distance.
   const Eigen::Vector2f middle(0.5f * float(camera.width()), 0.5f * float(camera.height()));
-  const float angle = (camera.ray_direction(middle) - camera.ray_direction(middle + Eigen::Vector2f(1, 0))).norm();
-  const float pixel_m = std::max(angle * median_distance(out.distance_m), 1e-9f);
-  const float fringe_px = kBlur_px + std::min(float(fringe_m) / pixel_m, 16.0f);
-  // A jump is marked on both of its sides already.
-  const int radius = std::max(0, int(std::ceil(fringe_px / float(stride))) - 1);
-  out.fringe_px = (radius + 1) * stride;
-  out.is_near_step = dilate(find_jumps(out.distance_m, angle * float(stride), camera.wraps()), radius);
+  out.angle_rad = (camera.ray_direction(middle) - camera.ray_direction(middle + Eigen::Vector2f(1, 0))).norm();
+  out.pixel_m = std::max(out.angle_rad * median_distance(out.distance_m), 1e-9f);
   return out;
+}
+
+void mark_fringes(DepthImage& depth, bool wraps, double displacement_px) {
+  const float fringe_px = kBlur_px + std::min(float(displacement_px), kMostDisplacement_px);
+  // A jump is marked on both of its sides already.
+  const int radius = std::max(0, int(std::ceil(fringe_px / float(depth.stride))) - 1);
+  depth.fringe_px = (radius + 1) * depth.stride;
+  depth.is_near_step = dilate(find_jumps(depth.distance_m, depth.angle_rad * float(depth.stride), wraps), radius);
 }
 
 int choose_stride(std::uint64_t pixels, std::uint64_t pixels_of_all_cameras) {

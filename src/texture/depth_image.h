@@ -8,10 +8,15 @@
 
 namespace lapseam {
 
+/// Fringes are no wider, whatever is displaced.
+inline constexpr float kMostDisplacement_px = 16;
+
 /// One value for every stride × stride pixels of the colour image.
 struct DepthImage {
   int stride = 1;
   Image<float> distance_m;           ///< along the ray; infinite where it meets nothing
+  float angle_rad = 0;               ///< between the rays of neighbouring pixels, in the middle
+  float pixel_m = 0;                 ///< length of a pixel where the model is at its middle distance
   int fringe_px = 0;                 ///< how far from a jump, at most, pixels are near it
   Image<std::uint8_t> is_near_step;  ///< within the fringe of a jump: the colour may be that of the other side
 
@@ -25,8 +30,11 @@ struct DepthImage {
   bool is_hidden(const Eigen::Vector2f& pixel, float distance_m) const;
 };
 
-/// fringe_m: how far the model and the image may be apart, beside a pixel and a half for the camera's own blur.
-DepthImage render_depth(const ColorCamera& camera, const RayScene& scene, int stride, double fringe_m);
+/// Without fringes yet.
+DepthImage render_depth(const ColorCamera& camera, const RayScene& scene, int stride);
+
+/// displacement_px: how far the model and the image may be apart, beside a pixel and a half for the camera's own blur.
+void mark_fringes(DepthImage& depth, bool wraps, double displacement_px);
 
 /// Strides for cameras of these sizes: 2, or as much as keeps all the depth images within a bound. Their fringes are
 /// wider than a stride.

@@ -13,6 +13,7 @@
 #include "core/parallel.h"
 #include "lapseam/io.h"
 #include "texture/candidates.h"
+#include "texture/spots.h"
 
 namespace lapseam {
 namespace {
@@ -35,34 +36,6 @@ struct Observation {
   float log_detail;   // of gradients over their size, see below; NaN where there are too few
   float log_density;  // pixels per metre
 };
-
-struct Spot {
-  std::array<Eigen::Vector3f, 3> corners_m;
-};
-
-/// Triangles spread evenly by area.
-std::vector<Spot> choose_spots(const Mesh& mesh) {
-  std::vector<double> up_to(mesh.triangle_count());
-  double sum = 0;
-  const auto corners = [&](std::size_t i) {
-    const Triangle& t = mesh.triangles[i];
-    return std::array<Eigen::Vector3f, 3>{mesh.positions_m[t[0]], mesh.positions_m[t[1]], mesh.positions_m[t[2]]};
-  };
-  for (std::size_t i = 0; i < up_to.size(); ++i) {
-    const auto c = corners(i);
-    up_to[i] = sum += double((c[1] - c[0]).cross(c[2] - c[0]).norm());
-  }
-  std::vector<Spot> spots;
-  if (!(sum > 0)) return spots;
-  const std::size_t count = std::min(kSpots, mesh.triangle_count());
-  for (std::size_t k = 0; k < count; ++k) {
-    const double at = (double(k) + 0.5) / double(count) * sum;
-    const auto i = std::size_t(std::lower_bound(up_to.begin(), up_to.end(), at) - up_to.begin());
-    // A small piece around the middle stands for the triangle, however large that is.
-    spots.push_back({corners(std::min(i, up_to.size() - 1))});
-  }
-  return spots;
-}
 
 /// Mean colour of a window, and how sharp it is; nothing where it is cut off, varies too much, or leaves the image.
 std::optional<Observation> observe(const ColorImage& image, const Eigen::Vector2f& pixel) {
@@ -101,7 +74,7 @@ std::optional<Observation> observe(const ColorImage& image, const Eigen::Vector2
 
 std::vector<Observation> observe_all(const Mesh& mesh, std::span<const ViewSource> sources, const ColorCameras& cameras,
                                      std::span<const DepthImage> depths, Context& context) {
-  const std::vector<Spot> spots = choose_spots(mesh);
+  const std::vector<Spot> spots = choose_spots(mesh, kSpots);
   std::vector<std::vector<Observation>> by_view(sources.size());
   StageScope stage(context, "texture: equalize", sources.size());
   parallel_for(context, sources.size(), 1, [&](std::size_t view) {
@@ -110,7 +83,10 @@ std::vector<Observation> observe_all(const Mesh& mesh, std::span<const ViewSourc
       TriangleSight sight;
       Eigen::Vector2f pixel;
       for (std::uint32_t s = 0; s < spots.size(); ++s) {
-        const auto& c = spots[s].corners_m;
+        // The middle of a triangle stands for it.
+        const Triangle& t = mesh.triangles[spots[s].triangle];
+        const std::array<Eigen::Vector3f, 3> c = {mesh.positions_m[t[0]], mesh.positions_m[t[1]],
+                                                  mesh.positions_m[t[2]]};
         const Eigen::Vector3f middle = (c[0] + c[1] + c[2]) / 3;
         if (!cameras[view]->may_see(middle, 0) || !cameras[view]->project(middle, pixel)) continue;
         if (!look_at_triangle(c, *cameras[view], depths[view], sight) || sight.fringe > 0) continue;

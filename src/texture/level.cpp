@@ -108,7 +108,7 @@ struct Levelling::Impl {
   std::vector<Eigen::Vector3f> offset;    // of each node
   std::vector<std::uint64_t> slot_pixel;  // chart << 32 | pixel of the chart, sorted
   std::vector<Eigen::Vector3f> slot_value;
-  Steps inner_before, inner_after;
+  Steps before, after, inner_before, inner_after;
 
   Impl(const Mesh& m, const Charts& all, const std::vector<SharedEdge>& edges) : mesh(m), charts(all) {
     std::uint32_t parts = 0;
@@ -127,19 +127,27 @@ struct Levelling::Impl {
     inner_colors.clear();
     drop_unknown();
     make_grids();
-    inner_before = inner_steps([](const SeamSample& sample) { return sample.step; });
+    const auto before_of = [](const SeamSample& sample) { return sample.step; };
+    const auto is_inner = [](const SeamSample& sample) { return sample.is_inner(); };
+    const auto is_any = [&](const SeamSample& sample) { return view_of(sample.side[0]) != view_of(sample.side[1]); };
+    before = steps_of(before_of, is_any), inner_before = steps_of(before_of, is_inner);
     solve_offsets(context);
     spread_rest(context);
-    inner_after = inner_steps([&](const SeamSample& sample) {
+    const auto after_of = [&](const SeamSample& sample) {
       return Eigen::Vector3f(rest_of(sample) + local_at(sample.pixels[1]) - local_at(sample.pixels[0]));
-    });
+    };
+    after = steps_of(after_of, is_any), inner_after = steps_of(after_of, is_inner);
   }
 
-  template <typename StepOf>
-  Steps inner_steps(const StepOf& step_of) const {
+  std::uint32_t view_of(const Place& place) const {
+    return charts.charts[place.chart].parts[place.part - first_part[place.chart]];
+  }
+
+  template <typename StepOf, typename IsWanted>
+  Steps steps_of(const StepOf& step_of, const IsWanted& is_wanted) const {
     std::vector<double> steps;
     for (const SeamSample& sample : samples)
-      if (sample.is_inner()) steps.push_back(double(step_of(sample).norm()) / std::sqrt(3.0));
+      if (is_wanted(sample)) steps.push_back(double(step_of(sample).norm()) / std::sqrt(3.0));
     return quantiles(std::move(steps));
   }
 
@@ -602,6 +610,8 @@ void Levelling::solve(const std::vector<ColorImage>& pages, const std::vector<Pa
 
 Correction Levelling::correction_of(std::uint32_t chart) const { return impl_->correction_of(chart); }
 
+Levelling::Steps Levelling::steps_before() const { return impl_->before; }
+Levelling::Steps Levelling::steps_after() const { return impl_->after; }
 Levelling::Steps Levelling::inner_steps_before() const { return impl_->inner_before; }
 Levelling::Steps Levelling::inner_steps_after() const { return impl_->inner_after; }
 

@@ -32,10 +32,11 @@ class Levelling {
 
   Correction correction_of(std::uint32_t chart) const;
 
-  /// Steps at borders within charts, root mean square of the channels in levels.
+  /// Steps at borders between images, of all and of those within charts, root mean square of the channels in levels.
   struct Steps {
     double median = 0, p95 = 0;
   };
+  Steps steps_before() const, steps_after() const;
   Steps inner_steps_before() const, inner_steps_after() const;
 
  private:

@@ -76,6 +76,28 @@ void spread(const Chart& chart, int farthest, const IsSource& is_source, const V
   }
 }
 
+/// Each of some pixels becomes the mean of those around it that are shown or among them, again and again: what has been
+/// carried there runs out smoothly instead of in streaks.
+void soften(const Chart& chart, const std::vector<std::pair<int, int>>& some, const Image<std::uint8_t>& is_known,
+            int rounds, ColorImage& page) {
+  std::vector<Rgb8> next(some.size());
+  for (int round = 0; round < rounds; ++round) {
+    for (std::size_t i = 0; i < some.size(); ++i) {
+      Eigen::Vector3f sum = Eigen::Vector3f::Zero();
+      float weights = 0;
+      for (std::size_t k = 0; k < kAround.size(); ++k) {
+        const int u = some[i].first + kAround[k].first, v = some[i].second + kAround[k].second;
+        if (u < 0 || v < 0 || u >= is_known.width || v >= is_known.height || !is_known.at(u, v)) continue;
+        const float weight = k < 4 ? 2 : 1;
+        sum += weight * to_vector(chart.pixel(page, u, v));
+        weights += weight;
+      }
+      next[i] = to_rgb8(sum / weights);
+    }
+    for (std::size_t i = 0; i < some.size(); ++i) chart.pixel(page, some[i].first, some[i].second) = next[i];
+  }
+}
+
 }  // namespace
 
 Eigen::Vector3f Photograph::color_at(const Eigen::Vector2f& pixel, float size_px) const {
@@ -153,12 +175,14 @@ std::uint64_t fill_unused(const Chart& chart, int fringe_px, PartMap& map, Color
   const auto mark = [&](int x, int y) -> std::uint16_t& { return chart.pixel(map, x, y); };
   std::uint64_t replaced = 0;
   Image<std::uint8_t> is_done(chart.shape.width * kBlock_px, chart.shape.height * kBlock_px);
+  std::vector<std::pair<int, int>> filled;
   const auto fill_from = [&](const auto& is_source, int farthest) {
     for_owned_pixels(chart, [&](int x, int y) { is_done.at(x, y) |= std::uint8_t(is_source(mark(x, y))); });
     spread(
         chart, farthest, [&](int x, int y) { return is_done.at(x, y) != 0; },
         [&](int x, int y, int from_x, int from_y) {
           is_done.at(x, y) = 1;
+          filled.emplace_back(x, y);
           pixel(x, y) = pixel(from_x, from_y);
           const std::uint16_t old = mark(x, y), part = mark(from_x, from_y) & kPartBits;
           replaced += is_used(old);
@@ -166,8 +190,9 @@ std::uint64_t fill_unused(const Chart& chart, int fringe_px, PartMap& map, Color
         });
   };
   const int all = (chart.shape.width + chart.shape.height) * kBlock_px;
-  fill_from([](std::uint16_t m) { return is_shown(m) && !(m & kNearStepBit); },
-            std::max(1, int(std::ceil(float(fringe_px) * chart.scale))));
+  const int fringe = std::max(1, int(std::ceil(float(fringe_px) * chart.scale)));
+  fill_from([](std::uint16_t m) { return is_shown(m) && !(m & kNearStepBit); }, fringe);
+  soften(chart, filled, is_done, 2 * fringe, page);
   fill_from(is_shown, all);
   fill_from([](std::uint16_t m) { return m != 0; }, all);  // where triangles lie between pixels
   return replaced;

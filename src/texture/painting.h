@@ -53,8 +53,8 @@ void paint_triangle(const Mesh& mesh, const Charts& charts, std::uint32_t triang
 
 /// Gives pixels near a jump of depth the colour of the nearest clean one of the chart, where there is one within
 /// `fringe_px` of the image: beyond the fringe of one jump there are others all around, and nothing is better than what
-/// is there. Then those in no triangle, and those that are hidden, that of the nearest other one, whose part they join.
-/// The number of pixels in triangles whose colours were replaced.
+/// is there. These are smoothed among each other. Then those in no triangle, and those that are hidden, that of the
+/// nearest other one, whose part they join. The number of pixels in triangles whose colours were replaced.
 std::uint64_t fill_unused(const Chart& chart, int fringe_px, PartMap& map, ColorImage& page);
 
 /// What is added to a chart's pixels; see level.h.

@@ -6,10 +6,12 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <optional>
 
 #include "core/parallel.h"
 #include "lapseam/error.h"
 #include "lapseam/io.h"
+#include "texture/align_images.h"
 #include "texture/candidates.h"
 #include "texture/charts.h"
 #include "texture/choose_frames.h"
@@ -63,6 +65,7 @@ class Texturing {
   TextureReport run() {
     look();
     equalize_views();
+    align();
     choose();
     pack();
     paint();
@@ -73,7 +76,7 @@ class Texturing {
  private:
   void look() {
     StageScope stage(context_, "texture: look", sources_.size());
-    const RayScene scene(mesh_.positions_m, mesh_.triangles, context_);
+    scene_.emplace(mesh_.positions_m, mesh_.triangles, context_);
     const auto pixels_of = [&](std::size_t i) {
       return cameras_[i] ? std::uint64_t(cameras_[i]->width()) * std::uint64_t(cameras_[i]->height()) : 0;
     };
@@ -81,8 +84,10 @@ class Texturing {
     for (std::size_t i = 0; i < sources_.size(); ++i) all += pixels_of(i);
     depths_.resize(sources_.size());
     parallel_for(context_, sources_.size(), 1, [&](std::size_t i) {
-      if (cameras_[i])
-        depths_[i] = render_depth(*cameras_[i], scene, choose_stride(pixels_of(i), all), options_.registration_error_m);
+      if (cameras_[i]) {
+        depths_[i] = render_depth(*cameras_[i], *scene_, choose_stride(pixels_of(i), all));
+        mark_fringes(depths_[i], cameras_[i]->wraps(), expected_displacement_px(i));
+      }
       stage.advance();
     });
   }
@@ -103,6 +108,31 @@ class Texturing {
       report_.lowest_gain = std::min(report_.lowest_gain, gain);
       report_.highest_gain = std::max(report_.highest_gain, gain);
     }
+  }
+
+  /// Fringes are then as wide as colours are seen to be displaced, where that is less than what was expected.
+  void align() {
+    const Alignment found =
+        align_images(mesh_, sources_, cameras_, depths_, responses_, options_.registration_error_m, context_);
+    report_.displacement_before_px = found.before_px;
+    report_.displacement_after_px = found.after_px;
+    report_.bent_images = found.bent;
+    parallel_for(context_, sources_.size(), 1, [&](std::size_t i) {
+      if (!(found.displacement_px[i] > 0)) return;
+      if (found.is_aligned) depths_[i] = render_depth(*cameras_[i], *scene_, depths_[i].stride);
+      mark_fringes(depths_[i], cameras_[i]->wraps(),
+                   std::min(double(found.displacement_px[i]), expected_displacement_px(i)));
+    });
+    scene_.reset();
+    // Better than what equalize finds: images are compared with what all show together, so noise is no detail.
+    if (found.is_aligned && options_.equalize) {
+      const float sharpest = *std::max_element(found.sharpness.begin(), found.sharpness.end());
+      for (std::size_t i = 0; i < blur_.size(); ++i) blur_[i] = sharpest - found.sharpness[i];
+    }
+  }
+
+  double expected_displacement_px(std::size_t view) const {
+    return options_.registration_error_m / double(depths_[view].pixel_m);
   }
 
   void choose() {
@@ -371,6 +401,10 @@ class Texturing {
         const Chart& chart = charts_.charts[c];
         correct_chart(chart, levelling_->correction_of(std::uint32_t(c)), mesh_.pages[std::size_t(chart.place.page)]);
       });
+      report_.step_before = levelling_->steps_before().median;
+      report_.step_before_p95 = levelling_->steps_before().p95;
+      report_.step_after = levelling_->steps_after().median;
+      report_.step_after_p95 = levelling_->steps_after().p95;
       report_.inner_step_before = levelling_->inner_steps_before().median;
       report_.inner_step_before_p95 = levelling_->inner_steps_before().p95;
       report_.inner_step_after = levelling_->inner_steps_after().median;
@@ -425,9 +459,10 @@ class Texturing {
   std::span<const ViewSource> sources_;
   const TextureOptions& options_;
   Context& context_;
-  const ColorCameras cameras_;
+  ColorCameras cameras_;
   const int page_blocks_;
   TextureReport report_;
+  std::optional<RayScene> scene_;
   std::vector<DepthImage> depths_;
   std::vector<ColorResponse> responses_;
   std::vector<float> blur_;

@@ -107,6 +107,8 @@ TEST(Level, StepsAtBordersVanishEvenWhereExposuresDiffer) {
   EXPECT_GT(report.inner_step_before, 10);
   EXPECT_LT(report.inner_step_after, 0.7);
   EXPECT_LT(report.inner_step_after_p95, 2);
+  EXPECT_GT(report.step_before, 10);
+  EXPECT_LT(report.step_after_p95, 2);
 }
 
 // Two cameras side by side show one wall: it is laid out as one of them has it, so that the border between their images
@@ -123,6 +125,8 @@ TEST(Level, ImagesWithinAChartMeetWithoutAStep) {
   EXPECT_GT(report.inner_step_before, 10);
   EXPECT_LT(report.inner_step_after, 0.7);  // two roundings to whole levels
   EXPECT_LT(report.inner_step_after_p95, 2);
+  EXPECT_EQ(report.step_before, report.inner_step_before);  // there are no others
+  EXPECT_EQ(report.step_after_p95, report.inner_step_after_p95);
   EXPECT_EQ(measure_color_steps(wall.mesh, context).samples, 0u);
   // Both images are there, at their places: what the paint changes by in a pixel and a half is more.
   EXPECT_LT(textured_distance(equalized, {}), 1);
