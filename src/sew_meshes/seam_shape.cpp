@@ -26,7 +26,7 @@ double SeamShape::sine_of(const Triangle& t) const {
   return smallest_sine(mesh_.position(t[0]), mesh_.position(t[1]), mesh_.position(t[2]));
 }
 
-/// On rough surfaces folds are everywhere: none may get sharper.
+/// On rough surfaces folds are everywhere: what comes may be as sharp as the sharpest of what goes.
 TriangleRule SeamShape::rule_for(const std::vector<std::uint32_t>& old) const {
   TriangleRule rule{.fold_cosine = kBentCosine, .facing_cosine = kBentCosine};
   for (const std::uint32_t t : old) {
@@ -65,7 +65,8 @@ std::array<Triangle, 2> SeamShape::turned(std::uint32_t left, std::uint32_t righ
 }
 
 /// Whether the worse one of two seam triangles gets better when the edge between them is turned. With a measured
-/// triangle on one side, only if a sliver goes and none comes. Depends on nothing but the triangles at one of them.
+/// triangle on one side, only if a sliver goes and none comes. Depends on nothing but the triangles
+/// around the two that share it.
 bool SeamShape::gains_by_flip(std::uint32_t a, std::uint32_t b) const {
   const std::uint32_t left = mesh_.find(a, b), right = mesh_.find(b, a);
   if (left == kInvalidIndex || right == kInvalidIndex) return false;

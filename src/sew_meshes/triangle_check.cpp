@@ -91,7 +91,8 @@ TriangleCheck::Bend TriangleCheck::bend_of(const Triangle& t) const {
   for (std::size_t k = 0; k < 3; ++k) {
     const std::uint32_t across = mesh_.find(t[(k + 1) % 3], t[k]);
     if (across == kInvalidIndex) continue;
-    bend.fold = std::min(bend.fold, normal.dot(mesh_.area_normal(across).stableNormalized()));
+    const Eigen::Vector3d other = mesh_.area_normal(across);
+    if (!other.isZero(0)) bend.fold = std::min(bend.fold, normal.dot(other.stableNormalized()));
   }
   if (normals_.empty()) return bend;
   const Eigen::Vector3d around =

@@ -4,8 +4,12 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <iterator>
+#include <limits>
+#include <memory>
+#include <span>
 
 #include "core/parallel.h"
 #include "lapseam/io.h"
@@ -36,6 +40,8 @@ constexpr float kLeastBend_px = 0.25f;
 constexpr double kCauchy = 2.385, kMedianOfNormal = 0.6745;
 // Values are rounded: they are no better than that.
 constexpr double kLeastDeviation = 0.5;
+// Fewer observations say nothing of how sharp an image is.
+constexpr std::size_t kLeastSharpness = 1000;
 
 using Values = Image<std::int8_t>;
 
@@ -43,6 +49,7 @@ struct Seen {
   std::uint32_t spot;
   Eigen::Vector2f first_px;  // where the camera had it at first
   Eigen::Vector2f pixel;     // where it has it now, before the image is bent
+  bool is_lost = false;      // it has it no longer
 };
 
 /// Means over windows of a radius along rows, then columns.
@@ -137,7 +144,7 @@ class Aligning {
       if (cameras[view]) cameras_[view] = std::make_unique<ColorCamera>(*cameras[view]);
     StageScope stage(context_, "texture: align", sources_.size());
     parallel_for(context_, sources_.size(), 1, [&](std::size_t view) {
-      if (cameras_[view] && !cameras_[view]->wraps()) observe(view);
+      if (cameras_[view] && !cameras_[view]->wraps() && depths_[view].angle_rad > 0) observe(view);
       stage.advance();
     });
   }
@@ -162,19 +169,23 @@ class Aligning {
     return displacement_px;
   }
 
-  /// How much of the contrast of the mean of all each image has, as a logarithm: blurred ones have less.
+  /// How much of the contrast of the mean of all each image has, as a logarithm: blurred ones have less. NaN where too
+  /// little is known.
   std::vector<float> measure_sharpness() {
     const std::size_t finest = kBands.size() - 1;
     average(finest);
-    std::vector<float> sharpness(sources_.size(), 0);
+    std::vector<float> sharpness(sources_.size(), std::numeric_limits<float>::quiet_NaN());
     parallel_for(context_, sources_.size(), 1, [&](std::size_t view) {
       double products = 0, squares = 0;
+      std::size_t count = 0;
       for_observations(finest, view, [&](const Seen& seen, float r, const Eigen::Vector2f&) {
         const auto mean = double(sum_[seen.spot] / count_[seen.spot]);
         products += mean * (mean + double(r));
         squares += mean * mean;
+        ++count;
       });
-      if (products > 0 && squares > 0) sharpness[view] = float(std::log(products / squares));
+      if (count >= kLeastSharpness && products > 0 && squares > 0)
+        sharpness[view] = float(std::log(products / squares));
     });
     return sharpness;
   }
@@ -221,7 +232,7 @@ class Aligning {
       const float distance = to.norm();
       if (-to.dot(spots_[s].normal) < kLeastCosine * distance) continue;
       if (!depth.is_visible(pixel, distance) || depth.is_fringe(pixel)) continue;
-      seen_[view].push_back({s, pixel, pixel});
+      seen_[view].push_back({s, pixel, pixel, false});
     }
     if (seen_[view].empty()) return;
     const ColorImage image = load_color(sources_[view]);
@@ -317,8 +328,10 @@ class Aligning {
     camera.move(motion);
     twist_[view] += twist;
     const Eigen::Vector2f nowhere(-1e6f, -1e6f);
-    for (Seen& seen : seen_[view])
-      if (!camera.project_beyond(spots_[seen.spot].position_m, seen.pixel)) seen.pixel = nowhere;
+    for (Seen& seen : seen_[view]) {
+      seen.is_lost = !camera.project_beyond(spots_[seen.spot].position_m, seen.pixel);
+      if (seen.is_lost) seen.pixel = nowhere;
+    }
   }
 
   /// Of each of a twist's numbers, one over the square of what is expected.
@@ -406,6 +419,7 @@ class Aligning {
 
   /// How an image moves with a spot along the surface: pixels per metre in two directions.
   bool motion_of(std::size_t view, const Seen& seen, Eigen::Matrix2f& motion) const {
+    if (seen.is_lost) return false;
     const Spot& spot = spots_[seen.spot];
     const Eigen::Vector3f x = spot.normal.unitOrthogonal(), y = spot.normal.cross(x);
     const float step_m = 2 * depths_[view].pixel_m;
@@ -432,7 +446,7 @@ class Aligning {
     std::vector<float> count(spots_.size(), 0);
     for (std::size_t view = 0; view < sources_.size(); ++view)
       for (std::size_t k = 0; k < seen_[view].size(); ++k)
-        mean[seen_[view][k].spot] += moved[view][k], ++count[seen_[view][k].spot];
+        if (!seen_[view][k].is_lost) mean[seen_[view][k].spot] += moved[view][k], ++count[seen_[view][k].spot];
     for (std::size_t s = 0; s < mean.size(); ++s)
       if (count[s] > 0) mean[s] /= count[s];
     return mean;
@@ -517,7 +531,7 @@ Alignment align_images(const Mesh& mesh, std::span<const ViewSource> sources, Co
   aligning.align();
   std::vector<float> after = aligning.measure();
   const double after_px = median_displacement(after);
-  if (!(after_px < out.before_px)) return out;
+  if (!(after_px > 0 && after_px < out.before_px)) return out;  // 0: nothing is known
   out.displacement_px = std::move(after);
   out.after_px = after_px;
   out.sharpness = aligning.measure_sharpness();

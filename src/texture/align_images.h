@@ -2,6 +2,7 @@
 
 // Images bent by some pixels until they agree on the surface.
 
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -20,7 +21,7 @@ struct Alignment {
   double before_px = 0, after_px = 0;  ///< their medians
   bool is_aligned = false;             ///< cameras have changed
   /// Of each image, if they are aligned: the logarithm of its contrast over that of the mean of all; blurred ones have
-  /// less.
+  /// less. NaN: not known.
   std::vector<float> sharpness;
   std::uint64_t bent = 0;  ///< images
 };
@@ -28,9 +29,9 @@ struct Alignment {
 /// Poses that are some millimetres off displace images by some pixels on the surface, cameras that are not quite known
 /// displace parts of them. In turn each image is moved (six degrees of freedom), then bent (a coarse lattice), towards
 /// the mean of what all images show at the same spots of the surface, where that makes them agree better. error_m: what
-/// is expected; where that is none, nothing is done. Panoramas stay as they are. Images are decoded once, one per
-/// thread at a time; two bytes for each value of the depth images, and 24 for each observation (a spot in an image,
-/// some millions) are kept meanwhile.
+/// is expected; where that is none, nothing is done. Panoramas and images with parallel rays stay as they are. Images
+/// are decoded once, one per thread at a time; two bytes for each value of the depth images, and 32 for each
+/// observation (a spot in an image, some millions) are kept meanwhile.
 Alignment align_images(const Mesh& mesh, std::span<const ViewSource> sources, ColorCameras& cameras,
                        std::span<const DepthImage> depths, std::span<const ColorResponse> responses, double error_m,
                        Context& context);

@@ -27,6 +27,11 @@ void ColorCamera::move(const Eigen::Isometry3d& motion) {
   if (is_central_) find_cone();
 }
 
+void ColorCamera::bend(ImageWarp warp) {
+  warp_ = std::move(warp);
+  if (is_central_) find_cone();
+}
+
 bool ColorCamera::project(const Eigen::Vector3f& position_m, Eigen::Vector2f& pixel) const {
   return project_within(position_m, 0, 0, pixel);
 }

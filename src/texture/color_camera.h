@@ -31,7 +31,7 @@ class ColorCamera {
   void move(const Eigen::Isometry3d& motion);
 
   /// From now on the image is taken to show things that much beside of where they should be. Not for one that wraps.
-  void bend(ImageWarp warp) { warp_ = std::move(warp); }
+  void bend(ImageWarp warp);
   bool is_bent() const { return !warp_.nodes.empty(); }
 
   int width() const { return width_; }

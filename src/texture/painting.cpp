@@ -77,22 +77,25 @@ void spread(const Chart& chart, int farthest, const IsSource& is_source, const V
 }
 
 /// Each of some pixels becomes the mean of those around it that are shown or among them, again and again: what has been
-/// carried there runs out smoothly instead of in streaks.
+/// carried there runs out smoothly instead of in streaks. Images are not mixed: they are levelled later.
 void soften(const Chart& chart, const std::vector<std::pair<int, int>>& some, const Image<std::uint8_t>& is_known,
-            int rounds, ColorImage& page) {
+            int rounds, const PartMap& map, ColorImage& page) {
   std::vector<Rgb8> next(some.size());
   for (int round = 0; round < rounds; ++round) {
     for (std::size_t i = 0; i < some.size(); ++i) {
+      const auto [x, y] = some[i];
+      const int part = chart.pixel(map, x, y) & kPartBits;
       Eigen::Vector3f sum = Eigen::Vector3f::Zero();
       float weights = 0;
       for (std::size_t k = 0; k < kAround.size(); ++k) {
-        const int u = some[i].first + kAround[k].first, v = some[i].second + kAround[k].second;
+        const int u = x + kAround[k].first, v = y + kAround[k].second;
         if (u < 0 || v < 0 || u >= is_known.width || v >= is_known.height || !is_known.at(u, v)) continue;
+        if ((chart.pixel(map, u, v) & kPartBits) != part) continue;
         const float weight = k < 4 ? 2 : 1;
         sum += weight * to_vector(chart.pixel(page, u, v));
         weights += weight;
       }
-      next[i] = to_rgb8(sum / weights);
+      next[i] = weights > 0 ? to_rgb8(sum / weights) : chart.pixel(page, x, y);
     }
     for (std::size_t i = 0; i < some.size(); ++i) chart.pixel(page, some[i].first, some[i].second) = next[i];
   }
@@ -192,7 +195,7 @@ std::uint64_t fill_unused(const Chart& chart, int fringe_px, PartMap& map, Color
   const int all = (chart.shape.width + chart.shape.height) * kBlock_px;
   const int fringe = std::max(1, int(std::ceil(float(fringe_px) * chart.scale)));
   fill_from([](std::uint16_t m) { return is_shown(m) && !(m & kNearStepBit); }, fringe);
-  soften(chart, filled, is_done, 2 * fringe, page);
+  soften(chart, filled, is_done, 2 * fringe, map, page);
   fill_from(is_shown, all);
   fill_from([](std::uint16_t m) { return m != 0; }, all);  // where triangles lie between pixels
   return replaced;

@@ -2,7 +2,8 @@
 
 // Places on the surface at which images are compared.
 
-#include <array>
+#include <Eigen/Core>
+#include <cstdint>
 #include <vector>
 
 #include "lapseam/mesh.h"

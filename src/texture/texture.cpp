@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <optional>
 
@@ -112,22 +113,29 @@ class Texturing {
 
   /// Fringes are then as wide as colours are seen to be displaced, where that is less than what was expected.
   void align() {
+    if (!(options_.registration_error_m > 0)) {
+      scene_.reset();
+      return;
+    }
     const Alignment found =
         align_images(mesh_, sources_, cameras_, depths_, responses_, options_.registration_error_m, context_);
     report_.displacement_before_px = found.before_px;
     report_.displacement_after_px = found.after_px;
     report_.bent_images = found.bent;
     parallel_for(context_, sources_.size(), 1, [&](std::size_t i) {
-      if (!(found.displacement_px[i] > 0)) return;
+      if (!cameras_[i] || (!found.is_aligned && !(found.displacement_px[i] > 0))) return;
       if (found.is_aligned) depths_[i] = render_depth(*cameras_[i], *scene_, depths_[i].stride);
-      mark_fringes(depths_[i], cameras_[i]->wraps(),
-                   std::min(double(found.displacement_px[i]), expected_displacement_px(i)));
+      const double expected_px = expected_displacement_px(i), found_px = double(found.displacement_px[i]);
+      mark_fringes(depths_[i], cameras_[i]->wraps(), found_px > 0 ? std::min(found_px, expected_px) : expected_px);
     });
     scene_.reset();
     // Better than what equalize finds: images are compared with what all show together, so noise is no detail.
     if (found.is_aligned && options_.equalize) {
-      const float sharpest = *std::max_element(found.sharpness.begin(), found.sharpness.end());
-      for (std::size_t i = 0; i < blur_.size(); ++i) blur_[i] = sharpest - found.sharpness[i];
+      float sharpest = -std::numeric_limits<float>::infinity();
+      for (const float sharpness : found.sharpness)
+        if (!std::isnan(sharpness)) sharpest = std::max(sharpest, sharpness);
+      for (std::size_t i = 0; i < blur_.size(); ++i)
+        if (!std::isnan(found.sharpness[i])) blur_[i] = sharpest - found.sharpness[i];
     }
   }
 

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "lapseam/context.h"
 
 namespace lapseam {
@@ -26,26 +28,39 @@ Mesh ridge(float depth) {
   return mesh;
 }
 
-SeamShape::Changes improve(Mesh& mesh) {
+struct Improved {
+  std::uint64_t collapses;
+  double fold_before, fold_after;  // cosines of the sharpest
+};
+
+double sharpest_fold(const LiveMesh& mesh, const TriangleCheck& check) {
+  double fold = 1;
+  for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t)
+    if (mesh.is_alive(t)) fold = std::min(fold, check.bend_of(mesh.triangle(t)).fold);
+  return fold;
+}
+
+Improved improve(Mesh mesh) {
   Context context;
   LiveMesh live(mesh);
   TriangleCheck check(live, {}, context);
-  return SeamShape(live, check, context).improve(0);
+  Improved out{0, sharpest_fold(live, check), 1};
+  out.collapses = SeamShape(live, check, context).improve(0).collapses;
+  out.fold_after = sharpest_fold(live, check);
+  return out;
 }
 
 TEST(SeamShape, TakesNeedlesOutOfASharpFoldWhichStaysAsSharp) {
-  Mesh mesh = ridge(1.0f);  // its sides' normals are 127 degrees apart
-  EXPECT_EQ(improve(mesh).collapses, 1u);
+  const Improved improved = improve(ridge(1.0f));  // its sides' normals are 127 degrees apart
+  EXPECT_EQ(improved.collapses, 1u);
+  EXPECT_LT(improved.fold_before, -0.5);
+  EXPECT_GE(improved.fold_after, improved.fold_before - 1e-6);
 }
 
-TEST(SeamShape, TakesNeedlesOutOfAFlatSurface) {
-  Mesh mesh = ridge(0.1f);
-  EXPECT_EQ(improve(mesh).collapses, 1u);
-}
+TEST(SeamShape, TakesNeedlesOutOfAFlatSurface) { EXPECT_EQ(improve(ridge(0.1f)).collapses, 1u); }
 
 TEST(SeamShape, LeavesSurfacesThatAreFoldedBackOnThemselves) {
-  Mesh mesh = ridge(5.0f);  // 169 degrees
-  EXPECT_EQ(improve(mesh).collapses, 0u);
+  EXPECT_EQ(improve(ridge(5.0f)).collapses, 0u);  // 169 degrees
 }
 
 }  // namespace
