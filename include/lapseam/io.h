@@ -58,14 +58,14 @@ void write_text(const std::filesystem::path& file, std::string_view text);
 
 enum class TextureFormat {
   kJpeg,
-  kPng,   ///< lossless
+  kPng,   ///< lossless, and hardly larger than a JPEG whose blocks do not show at borders of charts
   kWebp,  ///< GLB only (EXT_texture_webp): about half of the JPEG's size, colour at half resolution
 };
 
 struct WriteMeshOptions {
-  bool with_provenance = true;                          ///< PLY: per-vertex view and pixel, per-face view and tag
-  TextureFormat texture_format = TextureFormat::kJpeg;  ///< GLB and OBJ texture pages
-  int texture_quality = 100;                            ///< 1 to 100; of JPEG and WebP
+  bool with_provenance = true;                         ///< PLY: per-vertex view and pixel, per-face view and tag
+  TextureFormat texture_format = TextureFormat::kPng;  ///< GLB and OBJ texture pages
+  int texture_quality = 100;                           ///< 1 to 100; of JPEG and WebP
   // GLB only:
   bool is_lit = false;    ///< a matte material that a viewer lights; otherwise textures and colours show as they are
   bool quantize = false;  ///< 16-bit positions and texture coordinates (KHR_mesh_quantization)

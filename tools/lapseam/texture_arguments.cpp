@@ -29,12 +29,13 @@ void add_texture_options(CLI::App& command, TextureArguments& arguments) {
   command
       .add_option_function<std::string>(
           "--texture-format", [&writing](const std::string& name) { writing.texture_format = kFormats.at(name); },
-          "Images in .glb and beside .obj: jpeg, png (lossless) or webp (.glb alone)")
-      ->check(CLI::IsMember({"jpeg", "png", "webp"}))
-      ->default_str("jpeg")
+          "Images in .glb and beside .obj: png (lossless), jpeg or webp (.glb alone)")
+      ->check(CLI::IsMember({"png", "jpeg", "webp"}))
+      ->default_str("png")
       ->group(group);
-  command.add_option("--texture-quality", writing.texture_quality, "Of JPEG and WebP")
+  command.add_option("--texture-quality", writing.texture_quality, "Of jpeg and webp")
       ->check(CLI::Range(1, 100))
+      ->each([&arguments](const std::string&) { arguments.has_quality = true; })
       ->capture_default_str()
       ->group(group);
   command
@@ -54,6 +55,8 @@ void check_texture_output(const TextureArguments& arguments, const std::string& 
   const bool is_glb = std::filesystem::path(output).extension() == ".glb";
   if (arguments.writing.texture_format == TextureFormat::kWebp && !is_glb)
     throw CLI::ValidationError("--texture-format", "webp is for .glb: " + output);
+  if (arguments.has_quality && arguments.writing.texture_format == TextureFormat::kPng)
+    throw CLI::ValidationError("--texture-quality", "png is lossless; --texture-format jpeg or webp has a quality");
 }
 
 TextureOptions texture_options(const TextureArguments& arguments) {

@@ -14,6 +14,7 @@ struct TextureArguments {
   double memory_mb = 0, texel_mm = 0;
   bool no_equalize = false, no_level = false;
   WriteMeshOptions writing;
+  bool has_quality = false;  // asked for, which only some formats have
 };
 
 void add_texture_options(CLI::App& command, TextureArguments& arguments);
