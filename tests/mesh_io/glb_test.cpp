@@ -130,6 +130,8 @@ TEST_F(Glb, EveryTextureFormatIsReadAgain) {
   test::add_texture(mesh);
   write_mesh(mesh, path("png.glb"), {.texture_format = TextureFormat::kPng});
   EXPECT_EQ(read_mesh(path("png.glb")).pages.front().pixels, mesh.pages.front().pixels) << "PNG loses nothing";
+  write_mesh(mesh, path("jpeg.glb"), {.texture_format = TextureFormat::kJpeg});
+  test::expect_similar_pages(mesh, read_mesh(path("jpeg.glb")));
   write_mesh(mesh, path("webp.glb"), {.texture_format = TextureFormat::kWebp});
   test::expect_similar_pages(mesh, read_mesh(path("webp.glb")));
   EXPECT_THROW(write_mesh(mesh, path("a.obj"), {.texture_format = TextureFormat::kWebp}), InvalidInput);

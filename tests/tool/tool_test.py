@@ -202,6 +202,14 @@ class Usage(ToolTest):
                        ["--hold-out", "-3"], ["--hold-out", "x"]]:
             self.expect_usage_error("integrate", scene, "-o", self.folder / "b.ply", *option, names=[option[0]])
 
+    def test_a_quality_of_a_format_that_has_none_is_refused_before_any_work(self):
+        scene = save(self.folder, write_wall_scene(self.folder))
+        glb = self.folder / "b.glb"
+        self.expect_usage_error("integrate", scene, "-o", glb, "--texture-quality", "90",
+                                names=["--texture-quality", "png is lossless", "--texture-format jpeg"])
+        result = run("integrate", scene, "-o", glb, "--texture-quality", "90", "--texture-format", "jpeg")
+        self.assertEqual(result.returncode, 0, result.stderr)
+
     def test_unknown_ending_of_the_output_is_refused_before_any_work(self):
         scene = save(self.folder, write_wall_scene(self.folder))
         result = run("integrate", scene, "-o", self.folder / "b.3ds")

@@ -42,8 +42,8 @@ async function testValidator() {
   const tiles = fs.readdirSync(at('tiles', 'tiles')).map((name) => at('tiles', 'tiles', name));
   check(tiles.length > 4, `only ${tiles.length} tiles`);
   const ways = {
-    jpeg: [],
-    png: ['--texture-format', 'png', '--material', 'matte'],
+    png: ['--material', 'matte'],
+    jpeg: ['--texture-format', 'jpeg'],
     webp: ['--texture-format', 'webp', '--quantize'],
     meshopt: ['--meshopt'],
     small: ['--texture-format', 'webp', '--quantize', '--meshopt', '--material', 'matte'],
