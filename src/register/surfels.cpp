@@ -159,7 +159,8 @@ class Maker {
   }
 
   // How far to go along (du, dv) for a run of one smooth surface with this surfel; nothing where there is none. A bend
-  // that is largest here is in the surfel itself, so that its mean is off; from others, runs lead away.
+  // that is largest here is in the surfel itself, so that its mean is off, and no run is its own; three values may
+  // still pass where it is shallow. From others, runs lead away.
   std::optional<int> way_to_run(int u, int v, int du, int dv) const {
     const auto at = [&](int k) { return run_at(u + k * du, v + k * dv, du, dv); };
     const Run here = at(0);
