@@ -10,6 +10,9 @@ namespace {
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 // Added to brightness of 0 to 1 before the logarithm, so that noise in the dark does not count more than light.
 constexpr float kDark = 0.05f;
+// What is kept of a picture has no more pixels, since all pictures are kept throughout. After halving there are still
+// five for each surfel of the finest level: half the distance of surfels is the least that is asked for.
+constexpr std::size_t kMostPixels = 500'000;
 
 class Pictures {
  public:
@@ -23,8 +26,9 @@ class Pictures {
       const Rgb8 c = image.pixels[i];
       level.pixels[i] = (0.299f * float(c.r) + 0.587f * float(c.g) + 0.114f * float(c.b)) / 255;
     }
+    for (; level.size() > kMostPixels && can_halve(level); ++first_level_) level = halve(level);
     levels_.push_back(std::move(level));
-    while (levels_.back().width >= 16 && levels_.back().height >= 16) levels_.push_back(halve(levels_.back()));
+    while (can_halve(levels_.back())) levels_.push_back(halve(levels_.back()));
   }
 
   float at(const Eigen::Vector3f& point_in_view, float size_m) const {
@@ -32,13 +36,16 @@ class Pictures {
     if (!seen) return kNone;
     const double footprint_px = double(size_m) / spacing_.at(seen->r);
     const int wanted = footprint_px > 1 ? int(std::floor(std::log2(footprint_px))) : 0;
-    const auto k = std::size_t(std::clamp(wanted, 0, int(levels_.size()) - 1));
+    const int k = std::clamp(wanted, first_level_, first_level_ + int(levels_.size()) - 1);
     const double scale = 1.0 / double(1 << k);
-    const float value = interpolate(levels_[k], (seen->u + 0.5) * scale - 0.5, (seen->v + 0.5) * scale - 0.5);
+    const Image<float>& level = levels_[std::size_t(k - first_level_)];
+    const float value = interpolate(level, (seen->u + 0.5) * scale - 0.5, (seen->v + 0.5) * scale - 0.5);
     return std::log(value + kDark);
   }
 
  private:
+  static bool can_halve(const Image<float>& image) { return image.width >= 16 && image.height >= 16; }
+
   static Image<float> halve(const Image<float>& from) {
     Image<float> out(from.width / 2, from.height / 2);
     for (int v = 0; v < out.height; ++v)
@@ -59,6 +66,7 @@ class Pictures {
   Sensor camera_;
   Eigen::Isometry3f T_color_view_;
   SpacingLine spacing_;
+  int first_level_ = 0;  // how often the picture was halved before the first that is kept
   std::vector<Image<float>> levels_;
 };
 

@@ -159,20 +159,22 @@ class Maker {
   }
 
   // How far to go along (du, dv) for a run of one smooth surface with this surfel; nothing where there is none. A bend
-  // that is largest here is in the surfel itself, so that its mean is off; from others, runs lead away.
+  // that is largest here is in the surfel itself, so that its mean is off, and no run is its own; three values may
+  // still pass where it is shallow. From others, runs lead away.
   std::optional<int> way_to_run(int u, int v, int du, int dv) const {
     const auto at = [&](int k) { return run_at(u + k * du, v + k * dv, du, dv); };
     const Run here = at(0);
     if (here.is_smooth()) return 0;
-    std::array<int, 4> ways = {-1, 1, -2, 2};
     if (here.exists()) {
       const Run before = at(-1), after = at(1);
       const float b = before.exists() ? before.bend : 0, a = after.exists() ? after.bend : 0;
       if (here.bend >= std::max(a, b)) return std::nullopt;
       const int away = b > a ? 1 : -1;
-      ways = {2 * away, away, 2 * away, away};
+      if (at(2 * away).is_smooth()) return 2 * away;
+      if ((b > a ? after : before).is_smooth()) return away;
+      return std::nullopt;
     }
-    for (const int k : ways)
+    for (const int k : {-1, 1, -2, 2})
       if (at(k).is_smooth()) return k;
     return std::nullopt;
   }
@@ -182,8 +184,9 @@ class Maker {
     if (!way_u || !way_v) return gradient_of_three(u, v, 1, 0, along_u) && gradient_of_three(u, v, 0, 1, along_v);
     const auto sign = [](int k) { return (k > 0) - (k < 0); };
     Run run_u = run_at(u + *way_u, v + sign(*way_v), 1, 0), run_v = run_at(u + sign(*way_u), v + *way_v, 0, 1);
-    if (!run_u.exists()) run_u = run_at(u + *way_u, v, 1, 0);
-    if (!run_v.exists()) run_v = run_at(u, v + *way_v, 0, 1);
+    // Those are other runs than the ones that were found smooth, and may lead across a crease.
+    if (!run_u.is_smooth()) run_u = run_at(u + *way_u, v, 1, 0);
+    if (!run_v.is_smooth()) run_v = run_at(u, v + *way_v, 0, 1);
     along_u = {run_u.slope, 1.0f / 30};
     along_v = {run_v.slope, 1.0f / 30};
     return true;
