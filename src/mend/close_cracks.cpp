@@ -18,6 +18,8 @@ constexpr TriangleRule kRule = {.smallest_sine = 1e-3, .fold_cosine = -0.7};
 // Where nothing better fits: slits of a few edges with a fold in them.
 constexpr TriangleRule kSlitRule = {.smallest_sine = 1e-4, .fold_cosine = -0.95};
 constexpr std::size_t kLongestSlit = 16;
+// Noisy surfaces are full of folds; nearly closed ones are none of noise.
+constexpr double kMostBentCosine = -0.9;
 // Of a loop that cannot be closed, corners are filled: ten degrees or more, and no folds.
 constexpr TriangleRule kCornerRule = {.smallest_sine = 0.17, .fold_cosine = 0.5};
 
@@ -65,7 +67,7 @@ CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const
   report.covered_triangles_removed += trim_double_layers(live, layers, context);
   cracks.close(kLongestLoop, kRule);
   cracks.fill_corners(kCornerRule);
-  const SeamShape::Changes changes = SeamShape(live, check, context).improve(0);
+  const SeamShape::Changes changes = SeamShape(live, check, kMostBentCosine, context).improve(0);
   report.flips = changes.flips;
   report.collapses = changes.collapses;
   mesh = compact(mesh, live.alive());

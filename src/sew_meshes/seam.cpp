@@ -273,7 +273,7 @@ void Seam::close(SewMeshesReport& report) {
     close_loops(attempt, report);
   }
   cut_loose_ends();
-  const SeamShape::Changes changes = SeamShape(mesh_, check_, context_).improve(first_seam_);
+  const SeamShape::Changes changes = SeamShape(mesh_, check_, 0, context_).improve(first_seam_);
   report.flips += changes.flips;
   report.collapses += changes.collapses;
   for (const Loop& crack : find_cracks()) report.open_edges += crack.size();

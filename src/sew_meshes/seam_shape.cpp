@@ -17,8 +17,7 @@ constexpr double kGain = 1e-3;  // of the smaller sine, so that flips end
 constexpr double kSliver = 0.182;
 constexpr double kGood = 0.5;  // sine of 30°: nothing to gain from here on
 constexpr double kFlatCosine = 0.5;
-// No triangle is bent more than this, unless what it replaces was.
-constexpr double kBentCosine = 0, kMostBentCosine = -0.9;
+constexpr double kBentCosine = 0;
 
 }  // namespace
 
@@ -31,8 +30,8 @@ TriangleRule SeamShape::rule_for(const std::vector<std::uint32_t>& old) const {
   TriangleRule rule{.fold_cosine = kBentCosine, .facing_cosine = kBentCosine};
   for (const std::uint32_t t : old) {
     const TriangleCheck::Bend bend = check_.bend_of(mesh_.triangle(t));
-    rule.fold_cosine = std::max(kMostBentCosine, std::min(rule.fold_cosine, bend.fold));
-    rule.facing_cosine = std::max(kMostBentCosine, std::min(rule.facing_cosine, bend.facing));
+    rule.fold_cosine = std::max(most_bent_cosine_, std::min(rule.fold_cosine, bend.fold));
+    rule.facing_cosine = std::max(most_bent_cosine_, std::min(rule.facing_cosine, bend.facing));
   }
   return rule;
 }

@@ -19,7 +19,10 @@ class SeamShape {
     std::uint64_t flips = 0, collapses = 0;
   };
 
-  SeamShape(LiveMesh& mesh, TriangleCheck& check, Context& context) : mesh_(mesh), check_(check), context_(context) {}
+  /// No triangle is bent by over 90 degrees against what is around it; on rough surfaces, where folds are everywhere,
+  /// as much as what it replaces was, up to most_bent_cosine (0: nowhere).
+  SeamShape(LiveMesh& mesh, TriangleCheck& check, double most_bent_cosine, Context& context)
+      : mesh_(mesh), check_(check), most_bent_cosine_(most_bent_cosine), context_(context) {}
 
   /// Seam triangles from `first` on, and measured ones beside them where a sliver goes by it. What is made is valid by
   /// the check.
@@ -44,6 +47,7 @@ class SeamShape {
 
   LiveMesh& mesh_;
   TriangleCheck& check_;
+  double most_bent_cosine_;
   Context& context_;
   std::vector<std::uint8_t> last_change_;  // per vertex: number of the pass that last made a triangle at it, from 1
   std::uint8_t pass_ = 0;

@@ -129,7 +129,7 @@ TEST_F(OutputFileTest, FullDisk) {
 TEST_F(OutputFileTest, FailingMaterialLeavesNothingBehind) {
   Mesh mesh = test::grid_mesh(10, 10);
   test::add_texture(mesh);
-  std::filesystem::create_directory(path("a_page_001.jpg"));
+  std::filesystem::create_directory(path("a_page_001.png"));
   EXPECT_THROW(write_mesh(mesh, path("a.obj")), IoError);
   EXPECT_EQ(file_count(), 1u);
 }

@@ -40,27 +40,28 @@ double sharpest_fold(const LiveMesh& mesh, const TriangleCheck& check) {
   return fold;
 }
 
-Improved improve(Mesh mesh) {
+Improved improve(Mesh mesh, double most_bent_cosine) {
   Context context;
   LiveMesh live(mesh);
   TriangleCheck check(live, {}, context);
   Improved out{0, sharpest_fold(live, check), 1};
-  out.collapses = SeamShape(live, check, context).improve(0).collapses;
+  out.collapses = SeamShape(live, check, most_bent_cosine, context).improve(0).collapses;
   out.fold_after = sharpest_fold(live, check);
   return out;
 }
 
 TEST(SeamShape, TakesNeedlesOutOfASharpFoldWhichStaysAsSharp) {
-  const Improved improved = improve(ridge(1.0f));  // its sides' normals are 127 degrees apart
+  const Improved improved = improve(ridge(1.0f), -0.9);  // its sides' normals are 127 degrees apart
   EXPECT_EQ(improved.collapses, 1u);
   EXPECT_LT(improved.fold_before, -0.5);
   EXPECT_GE(improved.fold_after, improved.fold_before - 1e-6);
+  EXPECT_EQ(improve(ridge(1.0f), 0).collapses, 0u);
 }
 
-TEST(SeamShape, TakesNeedlesOutOfAFlatSurface) { EXPECT_EQ(improve(ridge(0.1f)).collapses, 1u); }
+TEST(SeamShape, TakesNeedlesOutOfAFlatSurface) { EXPECT_EQ(improve(ridge(0.1f), 0).collapses, 1u); }
 
 TEST(SeamShape, LeavesSurfacesThatAreFoldedBackOnThemselves) {
-  EXPECT_EQ(improve(ridge(5.0f)).collapses, 0u);  // 169 degrees
+  EXPECT_EQ(improve(ridge(5.0f), -0.9).collapses, 0u);  // 169 degrees
 }
 
 }  // namespace
