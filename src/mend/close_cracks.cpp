@@ -18,7 +18,7 @@ constexpr TriangleRule kRule = {.smallest_sine = 1e-3, .fold_cosine = -0.7};
 // Where nothing better fits: slits of a few edges with a fold in them.
 constexpr TriangleRule kSlitRule = {.smallest_sine = 1e-4, .fold_cosine = -0.95};
 constexpr std::size_t kLongestSlit = 16;
-// Noisy surfaces are full of folds; nearly closed ones are none of noise.
+// Noisy surfaces are full of folds; one sharper than this is nearly shut, and noise did not make it.
 constexpr double kMostBentCosine = -0.9;
 // Of a loop that cannot be closed, corners are filled: ten degrees or more, and no folds.
 constexpr TriangleRule kCornerRule = {.smallest_sine = 0.17, .fold_cosine = 0.5};

@@ -29,9 +29,8 @@ double SeamShape::sine_of(const Triangle& t) const {
 TriangleRule SeamShape::rule_for(const std::vector<std::uint32_t>& old) const {
   TriangleRule rule{.fold_cosine = kBentCosine, .facing_cosine = kBentCosine};
   for (const std::uint32_t t : old) {
-    const TriangleCheck::Bend bend = check_.bend_of(mesh_.triangle(t));
-    rule.fold_cosine = std::max(most_bent_cosine_, std::min(rule.fold_cosine, bend.fold));
-    rule.facing_cosine = std::max(most_bent_cosine_, std::min(rule.facing_cosine, bend.facing));
+    rule.fold_cosine = std::max(most_bent_cosine_, std::min(rule.fold_cosine, check_.fold_of(mesh_.triangle(t))));
+    rule.facing_cosine = std::max(most_bent_cosine_, std::min(rule.facing_cosine, check_.facing_of(mesh_.triangle(t))));
   }
   return rule;
 }
@@ -64,8 +63,8 @@ std::array<Triangle, 2> SeamShape::turned(std::uint32_t left, std::uint32_t righ
 }
 
 /// Whether the worse one of two seam triangles gets better when the edge between them is turned. With a measured
-/// triangle on one side, only if a sliver goes and none comes. Depends on nothing but the triangles
-/// around the two that share it.
+/// triangle on one side, only if a sliver goes and none comes. Depends on nothing but the triangles around
+/// the two that share it.
 bool SeamShape::gains_by_flip(std::uint32_t a, std::uint32_t b) const {
   const std::uint32_t left = mesh_.find(a, b), right = mesh_.find(b, a);
   if (left == kInvalidIndex || right == kInvalidIndex) return false;

@@ -81,25 +81,28 @@ bool TriangleCheck::does_fit(const Triangle& t, const TriangleRule& rule) const 
   if (rule.corner_cosine >= -1)
     for (std::size_t k = 0; k < 3; ++k)
       if (double(normals_[t[k]].dot(normals_[t[(k + 1) % 3]])) < rule.corner_cosine) return false;
-  const Bend bend = bend_of(t);
-  return bend.fold >= rule.fold_cosine && bend.facing >= rule.facing_cosine;
+  if (fold_of(t) < rule.fold_cosine) return false;
+  return rule.facing_cosine < -1 || facing_of(t) >= rule.facing_cosine;
 }
 
-TriangleCheck::Bend TriangleCheck::bend_of(const Triangle& t) const {
-  Bend bend;
+double TriangleCheck::fold_of(const Triangle& t) const {
+  double fold = 1;
   const Eigen::Vector3d normal = mesh_.area_normal(t).stableNormalized();
   for (std::size_t k = 0; k < 3; ++k) {
     const std::uint32_t across = mesh_.find(t[(k + 1) % 3], t[k]);
     if (across == kInvalidIndex) continue;
     const Eigen::Vector3d other = mesh_.area_normal(across);
-    if (!other.isZero(0)) bend.fold = std::min(bend.fold, normal.dot(other.stableNormalized()));
+    if (!other.isZero(0)) fold = std::min(fold, normal.dot(other.stableNormalized()));
   }
-  if (normals_.empty()) return bend;
+  return fold;
+}
+
+double TriangleCheck::facing_of(const Triangle& t) const {
+  if (normals_.empty()) return 1;
   const Eigen::Vector3d around =
       (normals_[t[0]].cast<double>() + normals_[t[1]].cast<double>() + normals_[t[2]].cast<double>())
           .stableNormalized();
-  bend.facing = normal.dot(around);
-  return bend;
+  return mesh_.area_normal(t).stableNormalized().dot(around);
 }
 
 bool TriangleCheck::does_overlap(const Triangle& t, const Triangle& s, const Eigen::Vector3d& normal,

@@ -43,12 +43,10 @@ class TriangleCheck {
   bool is_clear(const Triangle& t, const TriangleRule& rule) const;
   /// Whether the triangle fits its edges: free half-edges, area, shape, folds, facing.
   bool does_fit(const Triangle& t, const TriangleRule& rule) const;
-  /// How much a triangle, living or not, is bent against what is around: cosines of the sharpest fold at its edges, and
-  /// between it and the surface at its corners.
-  struct Bend {
-    double fold = 1, facing = 1;
-  };
-  Bend bend_of(const Triangle& t) const;
+  /// How much a triangle, living or not, is bent against what is around: cosine of the sharpest fold at its edges.
+  double fold_of(const Triangle& t) const;
+  /// The same between it and the surface at its corners; 1 without vertex normals.
+  double facing_of(const Triangle& t) const;
   /// Calls visit(triangle) for living triangles whose boxes overlap the box, in any order, until it returns true;
   /// returns whether it did.
   template <class Visit>

@@ -36,7 +36,7 @@ struct Improved {
 double sharpest_fold(const LiveMesh& mesh, const TriangleCheck& check) {
   double fold = 1;
   for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t)
-    if (mesh.is_alive(t)) fold = std::min(fold, check.bend_of(mesh.triangle(t)).fold);
+    if (mesh.is_alive(t)) fold = std::min(fold, check.fold_of(mesh.triangle(t)));
   return fold;
 }
 
