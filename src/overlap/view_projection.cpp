@@ -11,16 +11,18 @@ namespace {
 // Every so many samples of the image border are looked at for the cone; between them a border is nearly straight.
 constexpr int kConeSampling_px = 8;
 
+// The row and column that follow are those with which a lattice over the tile ends.
 bool fill_sphere(const Patch& patch, PatchTile& tile) {
   Eigen::AlignedBox3f box;
-  for (int v = tile.v0; v < tile.v1; ++v)
-    for (int u = tile.u0; u < tile.u1; ++u) {
-      const std::size_t cell = patch.confidence.index(u, v);
-      for (int slot = 0; slot < 2; ++slot)
-        if (patch.grid.exists(cell, slot))
-          for (const std::uint32_t p : patch.grid.corners(cell, slot)) box.extend(patch.point_in_view(p));
+  bool has_own = false;
+  for (int v = tile.v0; v < std::min(tile.v1 + 1, patch.grid.height); ++v)
+    for (int u = tile.u0; u < std::min(tile.u1 + 1, patch.grid.width); ++u) {
+      const std::size_t pixel = patch.confidence.index(u, v);
+      if (patch.confidence.pixels[pixel] == 0) continue;
+      has_own = has_own || (u < tile.u1 && v < tile.v1);
+      box.extend(patch.point_in_view(pixel));
     }
-  if (box.isEmpty()) return false;
+  if (!has_own) return false;
   tile.center_in_view = box.center();
   tile.radius_m = 0.5f * box.diagonal().norm();
   return true;

@@ -11,13 +11,14 @@ namespace lapseam {
 
 inline constexpr int kTile_px = 32;
 
-/// A block of kTile_px × kTile_px cells of a patch that has triangles, and a sphere around their samples.
+/// A block of kTile_px × kTile_px samples of a patch, some of which triangles use, and a sphere around these and those
+/// of the row and column that follow.
 struct PatchTile {
-  int u0 = 0, v0 = 0, u1 = 0, v1 = 0;  ///< cells [u0, u1) × [v0, v1)
+  int u0 = 0, v0 = 0, u1 = 0, v1 = 0;  ///< samples [u0, u1) × [v0, v1)
   Eigen::Vector3f center_in_view = Eigen::Vector3f::Zero();
   float radius_m = 0;
 };
-/// The tiles of a patch that have a triangle.
+/// The tiles of a patch in which a triangle uses a sample.
 std::vector<PatchTile> make_tiles(const Patch& patch);
 
 /// Everything a central sensor can see lies in this cone, between these ranges. Sensors with parallel or measured rays

@@ -60,6 +60,19 @@ TEST(Overlap, OneLayerAndNoGapOfTwoViewsOfAPlane) {
   EXPECT_EQ(health.self_intersecting_triangles, 0u);
 }
 
+TEST(Overlap, TheLastSamplesOfASurfaceAreClaimedWhereverTheyLie) {
+  // Views are asked in tiles of 32 × 32; here the last row or column of samples is the first of a tile.
+  const View whole = look("a", {0, 0, 2}, {0, 0, 0}, test::plane({0, 0, 0}, {0, 0, 1}));
+  for (const bool is_row : {true, false}) {
+    View part = whole;
+    for (int v = 0; v < part.range.height; ++v)
+      for (int u = 0; u < part.range.width; ++u)
+        if ((is_row ? v : u) > 64) part.range.at(u, v) = kInvalidRange;
+    const test::Joined joined = join({part});
+    EXPECT_EQ(joined.counts[0].best, 65u * 120u) << is_row;
+  }
+}
+
 TEST(Overlap, SameViewTwiceAddsNothing) {
   const test::Shape ball = test::sphere({0, 0, 0}, 0.5);
   const View view = look("a", {0, -2, 0.3}, {0, 0, 0}, ball);
