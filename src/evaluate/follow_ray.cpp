@@ -9,14 +9,17 @@ namespace {
 
 // The next surface is looked for this far behind the first hit; less would find the first again.
 constexpr float kBehindHit_m = 1e-4f;
+// How far beside a pixel's centre its ray goes, along columns and rows. Vertices of a mesh lie on the rays of the
+// samples that they were made from, and there rounding lets a ray slip between all the triangles around.
+constexpr double kBesideCenter_px = 0.005;
 
 }  // namespace
 
 Ray ray_through(const View& view, const Eigen::Vector3d& origin_m, std::size_t pixel) {
-  const auto column = double(pixel % std::size_t(view.range.width));
-  const auto row = double(pixel / std::size_t(view.range.width));
-  const Eigen::Vector3d seen = unproject(view.sensor, column, row, double(view.range.pixels[pixel]));
-  const Eigen::Vector3d start = unproject(view.sensor, column, row, 0.0);
+  const double u = double(pixel % std::size_t(view.range.width)) + kBesideCenter_px;
+  const double v = double(pixel / std::size_t(view.range.width)) + kBesideCenter_px;
+  const Eigen::Vector3d seen = unproject(view.sensor, u, v, double(view.range.pixels[pixel]));
+  const Eigen::Vector3d start = unproject(view.sensor, u, v, 0.0);
   const double length = (seen - start).norm();
   const Eigen::Vector3d direction = view.T_world_view.linear() * ((seen - start) / length);
   return {(view.T_world_view * start - origin_m).cast<float>(), direction.cast<float>(), length};

@@ -17,6 +17,7 @@ struct Ray {
   Eigen::Vector3f origin, direction;  ///< direction is unit
   double sample_length_m;             ///< from the origin to the view's sample
 };
+/// Through a sample, a hair beside its pixel's centre.
 Ray ray_through(const View& view, const Eigen::Vector3d& origin_m, std::size_t pixel);
 
 /// What a ray meets first, and whether another front follows within double_layer_m, with no back in between.

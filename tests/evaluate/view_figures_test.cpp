@@ -146,6 +146,33 @@ TEST(Rays, hole_is_missed_by_its_share_of_pixels) {
   EXPECT_EQ(e.rays.floating + e.rays.behind, 0u);
 }
 
+TEST(Rays, none_slips_through_at_the_vertices_that_lie_on_rays) {
+  constexpr int kWidth = 400, kHeight = 300;
+  View view{"v", "sensor", PinholeSensor{kWidth, kHeight, 350, 350, 199.5, 149.5, {}}, RangeImage(kWidth, kHeight), {}};
+  view.T_world_view =
+      Eigen::Translation3d(0.3, -0.2, 1.7) * Eigen::AngleAxisd(2.1, Eigen::Vector3d(1, 2, -1).normalized());
+  Mesh mesh;
+  for (int v = 0; v < kHeight; ++v)
+    for (int u = 0; u < kWidth; ++u) {
+      view.range.at(u, v) = float(2 + 0.002 * std::sin(12.9898 * u + 78.233 * v));
+      mesh.positions_m.push_back(
+          (view.T_world_view * unproject(view.sensor, u, v, double(view.range.at(u, v)))).cast<float>());
+    }
+  for (std::uint32_t v = 0; v + 1 < kHeight; ++v)
+    for (std::uint32_t u = 0; u + 1 < kWidth; ++u) {
+      const std::uint32_t a = v * kWidth + u, b = a + 1, c = a + kWidth, d = c + 1;
+      mesh.triangles.push_back({a, c, b});
+      mesh.triangles.push_back({b, c, d});
+    }
+  // Rays along the outline may miss.
+  for (int v = 0; v < kHeight; ++v)
+    for (int u = 0; u < kWidth; ++u)
+      if (u == 0 || v == 0 || u + 1 == kWidth || v + 1 == kHeight) view.range.at(u, v) = kInvalidRange;
+  const Evaluation e = evaluate_meshes(mesh, mesh, {view}, {.samples = 1000, .rays_per_view = kWidth * kHeight});
+  EXPECT_EQ(e.rays.rays, std::uint64_t(kWidth - 2) * (kHeight - 2));
+  EXPECT_EQ(e.rays.misses(), 0u);
+}
+
 TEST(Rays, patch_in_front_floats_by_its_solid_share) {
   // 0.25 × 0.245 m at half the height looks like 0.5 × 0.49 m: 50 × 49 pixels, no edge on a pixel centre.
   Mesh result = kFloor;
