@@ -15,7 +15,7 @@
 #include "lapseam/survey.h"
 #include "lapseam/triangulate.h"
 #include "load_views.h"
-#include "mend/silhouettes.h"
+#include "mend/extend_outlines.h"
 #include "mend/untangle.h"
 
 namespace lapseam {
@@ -289,7 +289,7 @@ class Integration {
     Mesh& mesh = result_.mesh;
     StageScope stage(context_, "clean");
     result_.report.triangles_in_small_components = remove_small_components(mesh, options_.smallest_component);
-    result_.report.silhouette_vertices_moved = extend_silhouettes(mesh, patches_, overlap_, kShortestOutline, context_);
+    result_.report.outline_vertices_moved = extend_outlines(mesh, patches_, overlap_, kShortestOutline, context_);
     thin();
     result_.report.self_intersecting_triangles_removed =
         remove_self_intersections(mesh, expected_errors(mesh, patches_), context_);

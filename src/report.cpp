@@ -87,7 +87,7 @@ std::string to_json(const IntegrateReport& report, const Context& context) {
   json["sew"] = {{"measured_triangles", report.zipper.measured_triangles},
                  {"seam_triangles", report.zipper.seam_triangles},
                  {"open_edges", report.zipper.open_edges},
-                 {"silhouette_vertices_moved", report.silhouette_vertices_moved},
+                 {"outline_vertices_moved", report.outline_vertices_moved},
                  {"self_intersecting_triangles_removed", report.self_intersecting_triangles_removed},
                  {"pinched_vertices_split", report.pinched_vertices_split},
                  {"triangles_in_small_components", report.triangles_in_small_components}};

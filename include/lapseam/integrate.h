@@ -86,7 +86,7 @@ struct IntegrateReport {
   std::vector<PlacedView> placed_views;  ///< as `views`; empty: poses were taken as given
   RegisterReport registration;
   ZipperReport zipper;
-  std::uint64_t silhouette_vertices_moved = 0;  ///< half a sample outwards, see docs/method.md
+  std::uint64_t outline_vertices_moved = 0;  ///< half a sample outwards, see docs/method.md
   std::uint64_t self_intersecting_triangles_removed = 0;
   CloseCracksReport cracks;
   std::uint64_t pinched_vertices_split = 0;

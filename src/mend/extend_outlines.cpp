@@ -1,4 +1,4 @@
-#include "mend/silhouettes.h"
+#include "mend/extend_outlines.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -15,8 +15,8 @@ namespace {
 
 constexpr float kFootprint_px = 0.5f;
 constexpr float kLowestCosine = 0.3f;  // where a surface turns away from the view, half a spacing is far on it
-constexpr int kLook_px = 3;            // mixed samples at a step are left out: what is behind may begin later
-constexpr float kStepFactor = 3;       // tolerances behind, to be something else
+constexpr int kLook_px = 3;            // mixed samples at a step are left out: what is beyond may begin later
+constexpr float kStepFactor = 3;       // tolerances off, to be something else
 
 // Of each vertex at open edges, the way out: the sum over its open edges, as long as these. Not of slits.
 std::vector<Eigen::Vector3f> find_ways_out(const Mesh& mesh, std::uint32_t shortest_outline, Context& context) {
@@ -58,24 +58,25 @@ std::vector<Eigen::Vector3f> find_ways_out(const Mesh& mesh, std::uint32_t short
   return out;
 }
 
-// Whether, in the image, what is next in this direction is something farther off.
-bool is_before_something(const ViewCanvas& canvas, const CanvasPoint& at, const Eigen::Vector2f& direction) {
+// Whether, in the image, what is next in this direction is not the same surface.
+bool ends_here(const ViewCanvas& canvas, const CanvasPoint& at, const Eigen::Vector2f& direction) {
   for (int k = 1; k <= kLook_px; ++k) {
-    const int u = int(std::lround(at.u + float(k) * direction.x())),
-              v = int(std::lround(at.v + float(k) * direction.y()));
-    if (u < 0 || v < 0 || u >= canvas.width() || v >= canvas.height()) return false;
-    const std::size_t pixel = canvas.pixel(u, v);
+    int u = int(std::lround(at.u + float(k) * direction.x()));
+    const int v = int(std::lround(at.v + float(k) * direction.y()));
+    if (canvas.patch().grid.wraps) u = (u + canvas.width()) % canvas.width();
+    if (u < 0 || v < 0 || u >= canvas.width() || v >= canvas.height()) return true;
     if (!canvas.has_sample(u, v)) continue;
-    const float behind = canvas.patch().view.range.pixels[pixel] - at.r;
-    return behind > kStepFactor * canvas.tolerance(pixel, 0) + canvas.slope_slack(u, v);
+    const std::size_t pixel = canvas.pixel(u, v);
+    const float off = std::abs(canvas.patch().view.range.pixels[pixel] - at.r);
+    return off > kStepFactor * canvas.tolerance(pixel, 0) + canvas.slope_slack(u, v);
   }
-  return false;
+  return true;
 }
 
 }  // namespace
 
-std::uint64_t extend_silhouettes(Mesh& mesh, std::span<const Patch> patches, const OverlapOptions& options,
-                                 std::uint32_t shortest_outline, Context& context) {
+std::uint64_t extend_outlines(Mesh& mesh, std::span<const Patch> patches, const OverlapOptions& options,
+                              std::uint32_t shortest_outline, Context& context) {
   std::vector<ViewCanvas> canvases;
   canvases.reserve(patches.size());
   for (const Patch& patch : patches) canvases.emplace_back(patch, mesh.origin_m, options, 0);
@@ -94,8 +95,8 @@ std::uint64_t extend_silhouettes(Mesh& mesh, std::span<const Patch> patches, con
     const CanvasPoint next = canvas.project(p + step * outward);
     const Eigen::Vector2f moved(next.u - at.u, next.v - at.v);
     const float pixels = moved.norm();
-    if (!next.is_in || !(pixels > kLowestCosine) || pixels > 4) return;
-    if (!is_before_something(canvas, at, moved / pixels)) return;
+    if (!(next.r > 0) || !(pixels > kLowestCosine) || pixels > 4) return;
+    if (!ends_here(canvas, at, moved / pixels)) return;
     p += kFootprint_px / pixels * step * outward;
     has_moved[v] = 1;
   };

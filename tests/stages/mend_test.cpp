@@ -1,9 +1,11 @@
 #include <gtest/gtest.h>
 
+#include <set>
+
 #include "health/self_intersection.h"
 #include "lapseam/context.h"
 #include "lapseam/health.h"
-#include "mend/silhouettes.h"
+#include "mend/extend_outlines.h"
 #include "mend/untangle.h"
 #include "support/analytic_views.h"
 #include "support/expect_valid_mesh.h"
@@ -64,29 +66,70 @@ TEST(RemoveSelfIntersections, WhatMeetsNothingStays) {
   EXPECT_EQ(mesh.triangle_count(), 8u);
 }
 
-// A plate of 0.4 m over a floor, seen from above.
-TEST(ExtendSilhouettes, APlateIsAsWideAsItWas) {
-  Context context(2);
+// How wide what lies above or below half a metre is, along x.
+float width_of(const Mesh& mesh, bool is_above) {
+  float low = 9, high = -9;
+  for (const Eigen::Vector3f& p : mesh.positions_m)
+    if ((p.z() > 0.5f) == is_above) low = std::min(low, p.x()), high = std::max(high, p.x());
+  return high - low;
+}
+
+// A plate of 0.4 m, 0.6 m over a floor, seen from 2 m above it.
+test::Joined see_plate(Context& context) {
   const test::Shape scene =
       test::nearest({test::plane({0, 0, 0}, {0, 0, 1}), test::rectangle(0.6, -0.2, 0.2, -0.2, 0.2)});
   const View view = test::make_view("v", test::small_camera(), test::look_at({0.01, 0.02, 2}, {0.01, 0.02, 0}), scene);
-  test::Joined joined = test::join({view}, kNoise, context);
-  const auto width = [&] {
-    float low = 9, high = -9;
-    for (const Eigen::Vector3f& p : joined.mesh.positions_m)
-      if (p.z() > 0.5f) low = std::min(low, p.x()), high = std::max(high, p.x());
-    return high - low;
-  };
-  const float pitch = 1.4f * (joined.patches[0].rays->directions[1] - joined.patches[0].rays->directions[0]).norm();
-  const float before = width();
-  EXPECT_LT(before, 0.4f);
-  const std::uint64_t moved = extend_silhouettes(joined.mesh, joined.patches, {}, 0, context);
-  EXPECT_GT(moved, 20u);
-  EXPECT_NEAR(width(), before + pitch, 0.1f * pitch);
-  EXPECT_NEAR(width(), 0.4f, pitch);
-  // The floor goes on in the plate's shadow, and at the image's border nothing is known.
+  return test::join({view}, kNoise, context);
+}
+
+TEST(ExtendOutlines, APlateIsAsWideAsItWasAndSoIsTheFloor) {
+  Context context(2);
+  test::Joined joined = see_plate(context);
+  const float angle = (joined.patches[0].rays->directions[1] - joined.patches[0].rays->directions[0]).norm();
+  const float plate_pitch = 1.4f * angle, floor_pitch = 2 * angle;
+  const float plate = width_of(joined.mesh, true), floor = width_of(joined.mesh, false);
+  EXPECT_LT(plate, 0.4f);
+  EXPECT_NEAR(floor, 119 * floor_pitch, 0.1f * floor_pitch);
+  EXPECT_GT(extend_outlines(joined.mesh, joined.patches, {}, 0, context), 20u);
+  EXPECT_NEAR(width_of(joined.mesh, true), plate + plate_pitch, 0.1f * plate_pitch);
+  EXPECT_NEAR(width_of(joined.mesh, true), 0.4f, plate_pitch);
+  EXPECT_NEAR(width_of(joined.mesh, false), floor + floor_pitch, 0.1f * floor_pitch);
   for (const Eigen::Vector3f& p : joined.mesh.positions_m) EXPECT_NEAR(p.z(), p.z() < 0.5f ? 0.0f : 0.6f, 1e-4f);
   expect_valid_mesh(joined.mesh);
+}
+
+TEST(ExtendOutlines, AFloorGoesOnHalfASampleUnderThePlate) {
+  Context context(2);
+  test::Joined joined = see_plate(context);
+  const float angle = (joined.patches[0].rays->directions[1] - joined.patches[0].rays->directions[0]).norm();
+  const auto hole = [&] {
+    float nearest = 9;
+    for (const Eigen::Vector3f& p : joined.mesh.positions_m)
+      if (p.z() < 0.5f && std::abs(p.y() - 0.02f) < 0.1f && p.x() > 0.01f) nearest = std::min(nearest, p.x());
+    return nearest;
+  };
+  const float before = hole();
+  extend_outlines(joined.mesh, joined.patches, {}, 0, context);
+  EXPECT_NEAR(hole(), before - 0.5f * 2 * angle, 0.1f * angle);
+}
+
+TEST(ExtendOutlines, WhereTheSurfaceGoesOnNothingMoves) {
+  Context context(2);
+  test::Joined joined = see_plate(context);
+  // A hole in the floor, which its view saw whole.
+  std::set<std::uint32_t> around;
+  std::erase_if(joined.mesh.triangles, [&](const Triangle& t) {
+    const Eigen::Vector3f& p = joined.mesh.positions_m[t[0]];
+    const bool is_in_hole = p.z() < 0.5f && (p - Eigen::Vector3f(-0.6f, 0, 0)).norm() < 0.1f;
+    if (is_in_hole) around.insert(t.begin(), t.end());
+    return is_in_hole;
+  });
+  joined.mesh.triangle_tag.resize(joined.mesh.triangle_count());
+  joined.mesh.triangle_view.resize(joined.mesh.triangle_count());
+  EXPECT_GE(around.size(), 3u);
+  const std::vector<Eigen::Vector3f> before = joined.mesh.positions_m;
+  EXPECT_GT(extend_outlines(joined.mesh, joined.patches, {}, 0, context), 0u);
+  for (const std::uint32_t v : around) EXPECT_EQ(joined.mesh.positions_m[v], before[v]);
 }
 
 }  // namespace
