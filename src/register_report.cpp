@@ -28,6 +28,7 @@ Json of_view(const std::string& name, const PlacedView& view) {
               {"placement", name_of(view.placement)},
               {"moved_m", view.moved_m},
               {"turned_rad", view.turned_rad},
+              {"strain", view.strain},
               {"sigma_translation_m", of_vector(sigma.head<3>())},
               {"sigma_rotation_rad", of_vector(sigma.tail<3>())}};
   if (!view.problem.empty()) out["problem"] = view.problem;
