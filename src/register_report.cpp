@@ -151,6 +151,7 @@ std::string to_json(const RegisterReport& report, const std::vector<PlacedView>&
 
 std::string to_json(const Disagreement& disagreement, const std::vector<std::string>& names) {
   Json json;
+  json["distance_m"] = disagreement.distance_m;
   json["registration_error"] = {{"median_m", disagreement.error.median_m},
                                 {"p90_m", disagreement.error.p90_m},
                                 {"pairs", disagreement.error.pairs}};
