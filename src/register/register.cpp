@@ -254,7 +254,12 @@ double Registrar::typical_noise() const {
 
 std::vector<NetworkView> Registrar::network_views() const {
   std::vector<NetworkView> out(n_);
-  for (std::size_t i = 0; i < n_; ++i) out[i] = {!is_moving(i), center_of(i), std::max(pyramids_[i].radius_m, 1e-9)};
+  for (std::size_t i = 0; i < n_; ++i) {
+    out[i] = {!is_moving(i), center_of(i), std::max(pyramids_[i].radius_m, 1e-9)};
+    if (known_.empty()) continue;
+    out[i].known = known_[i];
+    out[i].away = motion_since_given(i);
+  }
   return out;
 }
 

@@ -27,14 +27,6 @@ inline constexpr std::size_t kFewestMatches = 30;
 // Each measurement is matched from both sides.
 inline constexpr double kCountedTwice = 2;
 
-/// The one in the middle, the upper of two; 0 of none. Reorders.
-inline double middle(std::vector<double>& values) {
-  if (values.empty()) return 0;
-  const auto at = values.begin() + std::ptrdiff_t(values.size() / 2);
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
-
 class Registrar {
  public:
   Registrar(std::span<const View> views, std::span<const NoiseModel> noise, const PictureOf& pictures,
@@ -149,6 +141,7 @@ class Registrar {
   int levels_ = 0;
   double capture_m_ = 0;
   double scale_m_ = 0;
+  std::vector<Matrix6d> known_;  // of each view, what planes tell of its motion since they put it in place; or none
   std::vector<Vector6d> slid_;  // what takes back the motion along what the last step found undetermined
   std::vector<Pair> pairs_;
   std::size_t on_the_way_ = kOnTheWayEach;  // surfels of each view that are matched with each partner
