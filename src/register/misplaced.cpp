@@ -64,8 +64,23 @@ std::vector<double> Registrar::strains() const {
     misfit[i] = std::log(1 - gain[i] / matches[i]);
   }
   std::vector<double> out = standardized(pull, chance);
-  const std::vector<double> other = standardized(misfit, std::vector<double>(n_, kChanceOfMisfit));
+  const std::vector<double> other = standardized(beside_partners(misfit), std::vector<double>(n_, kChanceOfMisfit));
   for (std::size_t i = 0; i < n_; ++i) out[i] = std::max(out[i], other[i]);
+  return out;
+}
+
+std::vector<double> Registrar::beside_partners(const std::vector<double>& of_view) const {
+  std::vector<std::vector<double>> theirs(n_);
+  for (const Pair& pair : pairs_) {
+    if (!is_live(pair)) continue;
+    theirs[pair.views.a].push_back(of_view[pair.views.b]);
+    theirs[pair.views.b].push_back(of_view[pair.views.a]);
+  }
+  std::vector<double> out = of_view;
+  for (std::size_t i = 0; i < n_; ++i) {
+    std::erase_if(theirs[i], [](double value) { return !std::isfinite(value); });
+    out[i] -= middle(theirs[i]);
+  }
   return out;
 }
 

@@ -104,6 +104,8 @@ class Registrar {
   // Compares with the poses as given. Views and pairs that got worse are left out, and the rest is refined once more.
   // By how many standard deviations each view is more strained than usual: pulls against the others, or fits less.
   std::vector<double> strains() const;
+  // Less what is usual among its partners, which see the same things: of twigs and clutter less fits than of walls.
+  std::vector<double> beside_partners(const std::vector<double>& of_view) const;
   void mend_misplaced();
   // Starts strained views again, against those that are not. Whether any was moved.
   bool restart(const std::vector<double>& strain);
@@ -142,7 +144,7 @@ class Registrar {
   double capture_m_ = 0;
   double scale_m_ = 0;
   std::vector<Matrix6d> known_;  // of each view, what planes tell of its motion since they put it in place; or none
-  std::vector<Vector6d> slid_;  // what takes back the motion along what the last step found undetermined
+  std::vector<Vector6d> slid_;   // what takes back the motion along what the last step found undetermined
   std::vector<Pair> pairs_;
   std::size_t on_the_way_ = kOnTheWayEach;  // surfels of each view that are matched with each partner
   std::vector<std::vector<Spot>> spots_;    // of the finest level, once views are nearly in place
