@@ -31,7 +31,7 @@ constexpr int kRuns = 8;
 // Samples of a line that take part.
 constexpr int kOfALine = 180;
 // Lines that move need steps to bring in what they are off by: planes reach this much less far each time, at most.
-constexpr double kClosing = 0.7;
+constexpr double kNarrowing = 0.7;
 // Share of the samples that their lines move less than the others.
 constexpr double kLongLever = 0.9;
 // Lines keep their order, and this share of their mean step.
@@ -234,7 +234,7 @@ class LineFinder {
       }
     const bool is_moving =
         std::any_of(angles_.firmness.begin(), angles_.firmness.end(), [](double held) { return held > 0; });
-    const double closing = is_moving ? kClosing / kTukey : 0;
+    const double closing = is_moving ? kNarrowing / kTukey : 0;
     const double scale_m = std::max(closing * angles_.reach_m, kNormalPerMedian * middle(near));
     const double scale_rad = kNormalPerMedian * middle(angles);
     for (auto& samples : samples_)

@@ -16,7 +16,7 @@ constexpr double kSuspected = 3;
 // What is still beyond this afterwards is reported.
 constexpr double kDoubted = kTukey;
 // Fewer views, or pairs of a view, do not tell what is usual.
-constexpr std::size_t kFewestViews = 5, kFewestPairs = 3;
+constexpr std::size_t kFewestToCompare = 5, kFewestPairs = 3;
 // Least standard deviation of the logarithm of a view's middle tension, times the root of its pairs: that of six
 // degrees of freedom, and of a median. And of the share that does not fit: what views see differs by so much.
 constexpr double kChanceOfTension = 0.58 * 1.25, kChanceOfMisfit = 0.05;
@@ -29,7 +29,7 @@ std::vector<double> standardized(const std::vector<double>& logs, const std::vec
   std::vector<double> out(logs.size()), usual;
   for (const double value : logs)
     if (std::isfinite(value)) usual.push_back(value);
-  if (usual.size() < kFewestViews) return out;
+  if (usual.size() < kFewestToCompare) return out;
   const double center = middle(usual);
   for (double& value : usual) value = std::abs(value - center);
   const double spread = kNormalPerMedian * middle(usual);
