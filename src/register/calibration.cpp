@@ -16,6 +16,8 @@ constexpr double kLineReach = 0.5;
 }  // namespace
 
 bool Registrar::calibrate_lines() {
+  const auto is_scanner = [](const View& view) { return std::holds_alternative<SphericalSensor>(view.sensor); };
+  if (std::none_of(given_.begin(), given_.end(), is_scanner)) return false;
   StageScope stage(context_, "calibrate lines", kLineRounds);
   const std::vector<PlacedView> reached = result_.views;
   LineAngles angles;
