@@ -120,8 +120,7 @@ class Integration {
     for (std::size_t i = 0; i < loaded.views.size(); ++i) {
       ViewSource& source = scene_.views[loaded.source_index[i]];
       loaded.views[i].T_world_view = source.T_world_view = placed.views[i].T_world_view;
-      if (!placed.views[i].problem.empty())
-        context_.warn("view " + source.name + " was left where it was: " + placed.views[i].problem);
+      if (!placed.views[i].problem.empty()) context_.warn(warning_about(source.name, placed.views[i]));
     }
     result_.report.placed_views = std::move(placed.views);
     result_.report.registration = std::move(placed.report);

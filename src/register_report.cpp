@@ -28,6 +28,7 @@ Json of_view(const std::string& name, const PlacedView& view) {
               {"placement", name_of(view.placement)},
               {"moved_m", view.moved_m},
               {"turned_rad", view.turned_rad},
+              {"strain", view.strain},
               {"sigma_translation_m", of_vector(sigma.head<3>())},
               {"sigma_rotation_rad", of_vector(sigma.tail<3>())}};
   if (!view.problem.empty()) out["problem"] = view.problem;
@@ -150,6 +151,7 @@ std::string to_json(const RegisterReport& report, const std::vector<PlacedView>&
 
 std::string to_json(const Disagreement& disagreement, const std::vector<std::string>& names) {
   Json json;
+  json["distance_m"] = disagreement.distance_m;
   json["registration_error"] = {{"median_m", disagreement.error.median_m},
                                 {"p90_m", disagreement.error.p90_m},
                                 {"pairs", disagreement.error.pairs}};

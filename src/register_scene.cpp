@@ -113,8 +113,7 @@ RegisterSceneResult register_scene(const Scene& scene, const RegisterSceneOption
     report.names.push_back(view.name);
     loaded.views[i].T_world_view = view.T_world_view = placed.views[i].T_world_view;
     view.pose_covariance = placed.views[i].covariance;
-    if (!placed.views[i].problem.empty())
-      context.warn("view " + view.name + " was left where it was: " + placed.views[i].problem);
+    if (!placed.views[i].problem.empty()) context.warn(warning_about(view.name, placed.views[i]));
   }
   const bool has_lines = std::any_of(placed.views.begin(), placed.views.end(),
                                      [](const PlacedView& view) { return !view.line_offset_rad.empty(); });

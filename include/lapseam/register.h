@@ -68,10 +68,15 @@ struct PlacedView {
   PoseCovariance covariance = PoseCovariance::Zero();  ///< against the fixed views; zero where nothing moved
   ViewPlacement placement = ViewPlacement::kPlaced;
   double moved_m = 0, turned_rad = 0;
-  std::string problem;  ///< why it was left; empty: it was not
+  /// By how many standard deviations it pulls harder against the others, or fits less, than views of the scene do.
+  double strain = 0;
+  std::string problem;  ///< why it was left, or, of a view that was placed, may be wrong; empty: neither
   /// What the azimuths of a scanner's columns are to be raised by, as calibrated; empty: as they are.
   std::vector<double> line_offset_rad{};
 };
+
+/// What is to be told of a view, in a line; empty: nothing.
+std::string warning_about(const std::string& name, const PlacedView& view);
 
 /// How far apart the surfaces of two views are, along their normals, where both are smooth and within the capture
 /// range.

@@ -45,7 +45,8 @@ struct SensorSurvey {
   std::optional<NoiseModel> given;  ///< what the scene says, of its first view that says something
 };
 
-/// View a seen by view b. Disagreement is signed, along b's rays: positive where a's surface lies behind b's.
+/// View a seen by view b. Disagreement is signed, across b's surface, as closest points would have it (along the ray, a
+/// grazing look magnifies it): positive where a's surface lies behind b's.
 struct PairSurvey {
   std::uint32_t a = 0, b = 0;  ///< indices into Survey::views
   double overlap = 0;          ///< share of a's samples that lie on b's surface, within noise and spacing
@@ -62,6 +63,9 @@ struct RegistrationError {
 /// Which pairs of views disagree, and by how much all together: a badly placed station shows at once.
 struct Disagreement {
   std::vector<PairSurvey> pairs;  ///< those with any overlap, by a, then b
+  /// Between a sample of one view and the surface of another: median of all that were compared, so that a pair counts
+  /// by what it shares.
+  double distance_m = 0;
   RegistrationError error;
 };
 
@@ -69,6 +73,7 @@ struct Survey {
   std::vector<ViewSurvey> views;      ///< as in the scene
   std::vector<SensorSurvey> sensors;  ///< by id, of usable views
   std::vector<PairSurvey> pairs;      ///< those with any overlap, by a, then b
+  double distance_m = 0;              ///< as Disagreement has it
   RegistrationError registration;
   std::uint64_t usable_views() const;
 };

@@ -3,6 +3,7 @@
 // Which surfels of two views show the same spot, and what follows from them for the poses.
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -52,6 +53,14 @@ inline double tukey(double residual, double gate) {
 }
 /// Standard deviation of normally distributed values, of the median of their absolute values.
 inline constexpr double kNormalPerMedian = 1.4826;
+
+/// The one in the middle, the upper of two; 0 of none. Reorders.
+inline double middle(std::vector<double>& values) {
+  if (values.empty()) return 0;
+  const auto at = values.begin() + std::ptrdiff_t(values.size() / 2);
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
 
 /// What residuals count, and how much.
 struct Gate {

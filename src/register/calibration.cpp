@@ -16,6 +16,8 @@ constexpr double kLineReach = 0.5;
 }  // namespace
 
 bool Registrar::calibrate_lines() {
+  const auto is_scanner = [](const View& view) { return std::holds_alternative<SphericalSensor>(view.sensor); };
+  if (std::none_of(given_.begin(), given_.end(), is_scanner)) return false;
   StageScope stage(context_, "calibrate lines", kLineRounds);
   const std::vector<PlacedView> reached = result_.views;
   LineAngles angles;
@@ -23,7 +25,10 @@ bool Registrar::calibrate_lines() {
   for (int round = 0; round < kLineRounds && step_lines(angles); ++round) stage.advance();
   const bool has_found =
       std::any_of(angles.firmness.begin(), angles.firmness.end(), [](double held) { return held > 0; });
-  if (!has_found) result_.views = reached;
+  if (!has_found) {
+    result_.views = reached;
+    known_.clear();
+  }
   // Where planes put the views is what later results are judged against.
   for (std::size_t i = 0; i < n_ && has_found; ++i) corrected_[i].T_world_view = result_.views[i].T_world_view;
   return has_found;
@@ -35,6 +40,7 @@ bool Registrar::step_lines(LineAngles& angles) {
     views[i] = {&views_[i], !is_moving(i), center_of(i), std::max(pyramids_[i].radius_m, 1e-9)};
   const LineStep found = find_line_angles(views, posed_at(0), capture_m_, angles, context_);
   move_views(found.motion);
+  known_ = found.known;
   for (std::size_t i = 0; i < n_; ++i) result_.views[i].line_offset_rad = angles.offsets_rad[i];
   if (std::any_of(angles.firmness.begin(), angles.firmness.end(), [](double held) { return held > 0; })) {
     correct_views();

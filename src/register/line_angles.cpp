@@ -30,6 +30,10 @@ constexpr double kLeastGain = 0.01;
 constexpr int kRuns = 8;
 // Samples of a line that take part.
 constexpr int kOfALine = 180;
+// Lines that move need steps to bring in what they are off by: planes reach this much less far each time, at most.
+constexpr double kNarrowing = 0.7;
+// Share of the samples that their lines move less than the others.
+constexpr double kLongLever = 0.9;
 // Lines keep their order, and this share of their mean step.
 constexpr double kLeastStep = 0.125;
 // Planes reach no farther than their samples ask for, when that is this share of what they reached before.
@@ -42,6 +46,7 @@ struct Sample {
   Eigen::Vector3f point = Eigen::Vector3f::Zero();
   std::uint32_t line = 0, plane = 0, half = 0;
   float residual_m = 0;
+  float lever_m = 0;  // how far its line's angle moves it across the plane, per radian
   double weight = 0;
 };
 
@@ -139,7 +144,7 @@ class LineFinder {
       support.e2 = plane.normal.cross(support.e1);
       planes_.push_back(support);
     }
-    parallel_for(context, views_.size(), 1, [&](std::size_t i) { collect(i, angles_.reach_m); });
+    parallel_for(context, views_.size(), 1, [&](std::size_t i) { collect(i); });
     std::vector<double> count(planes_.size());
     for (const auto& samples : samples_)
       for (const Sample& sample : samples) {
@@ -179,6 +184,7 @@ class LineFinder {
       H.block(at, m, 6, planes) += reduced[i].shared.topRightCorner(6, planes);
       H.block(m, at, planes, 6) += reduced[i].shared.bottomLeftCorner(planes, 6);
       H.bottomRightCorner(planes, planes) += reduced[i].shared.bottomRightCorner(planes, planes);
+      out.known.emplace_back(reduced[i].shared.topLeftCorner<6, 6>());
       g.segment<6>(at) += reduced[i].shared_g.head<6>();
       g.tail(planes) += reduced[i].shared_g.tail(planes);
     }
@@ -198,6 +204,7 @@ class LineFinder {
     out.is_last = angles_.has_settled && moved < kStill;
     if (had_none && !none()) {  // what lines bent out of reach may belong to planes after all
       angles_.reach_m = angles_.first_reach_m;
+      angles_.reach_rad = std::numbers::pi;
       angles_.planes.clear();
       out.is_last = false;
     }
@@ -205,21 +212,45 @@ class LineFinder {
   }
 
  private:
-  // By how far most samples are.
+  // By how far most samples are: what noise does shows where the angle of a line does not matter, and what angles do on
+  // the tenth that they move farthest. Grazing lines on far floors would be lost by one spread for all.
   void weigh() {
-    std::vector<float> distances;
+    std::vector<float> levers;
     for (const auto& samples : samples_)
-      for (const Sample& sample : samples) distances.push_back(std::abs(sample.residual_m));
-    if (distances.empty()) return;
-    const auto middle = distances.begin() + std::ptrdiff_t(distances.size() / 2);
-    std::nth_element(distances.begin(), middle, distances.end());
-    const double scale = kNormalPerMedian * double(*middle);
+      for (const Sample& sample : samples) levers.push_back(sample.lever_m);
+    if (levers.empty()) return;
+    const auto half = levers.begin() + std::ptrdiff_t(levers.size() / 2);
+    std::nth_element(levers.begin(), half, levers.end());
+    const float short_m = *half;
+    const auto tenth = levers.begin() + std::ptrdiff_t(kLongLever * double(levers.size()));
+    std::nth_element(levers.begin(), tenth, levers.end());
+    const float long_m = *tenth;
+    std::vector<double> near, angles;
+    for (const auto& samples : samples_)
+      for (const Sample& sample : samples) {
+        const double r = std::abs(double(sample.residual_m));
+        if (sample.lever_m <= short_m) near.push_back(r);
+        if (sample.lever_m >= long_m && long_m > 0) angles.push_back(r / double(sample.lever_m));
+      }
+    const bool is_moving =
+        std::any_of(angles_.firmness.begin(), angles_.firmness.end(), [](double held) { return held > 0; });
+    const double closing = is_moving ? kNarrowing / kTukey : 0;
+    const double scale_m = std::max(closing * angles_.reach_m, kNormalPerMedian * middle(near));
+    const double scale_rad = kNormalPerMedian * middle(angles);
     for (auto& samples : samples_)
-      for (Sample& sample : samples)
+      for (Sample& sample : samples) {
+        const double scale = std::hypot(scale_m, scale_rad * double(sample.lever_m));
         sample.weight = tukey(double(sample.residual_m), kTukey * scale) / (scale * scale);
-    const double reach_m = std::min(angles_.reach_m, kTukey * scale);
-    if (reach_m > kSettled * angles_.reach_m) angles_.has_settled = true;
+      }
+    const double reach_m = std::min(angles_.reach_m, kTukey * scale_m);
+    const double reach_rad = std::min(angles_.reach_rad, kTukey * scale_rad);
+    if (reach_m > kSettled * angles_.reach_m && reach_rad >= kSettled * angles_.reach_rad) angles_.has_settled = true;
     angles_.reach_m = reach_m;
+    angles_.reach_rad = reach_rad;
+  }
+
+  double reach_of(double lever_m) const {
+    return std::min(angles_.first_reach_m, std::hypot(angles_.reach_m, angles_.reach_rad * lever_m));
   }
 
   void move_plane(std::size_t p, const Eigen::Vector3d& by) {
@@ -238,7 +269,7 @@ class LineFinder {
     return out;
   }
 
-  void collect(std::size_t i, double reach_m) {
+  void collect(std::size_t i) {
     const View& view = *views_[i].view;
     const Eigen::Isometry3d& T = posed_[i].T_world_view;
     const int stride = std::max(1, view.range.height / kOfALine);
@@ -247,16 +278,20 @@ class LineFinder {
         const float r = view.range.at(u, v);
         if (!(r > 0)) continue;
         const Eigen::Vector3d p = T * unproject(view.sensor, u, v, double(r));
+        const Eigen::Vector3d by_line = T.linear().col(2).cross(p - T.translation());  // per radian
         Sample sample;
-        sample.residual_m = float(reach_m);
+        double nearest = 1;  // of what planes reach
         for (std::uint32_t k = 0; k < planes_.size(); ++k) {
-          const auto distance = float(planes_[k].plane.distance_to(p));
-          if (std::abs(distance) >= std::abs(sample.residual_m) || planes_[k].plane.distance_to(T.translation()) <= 0)
-            continue;
+          const Plane& plane = planes_[k].plane;
+          const double distance = plane.distance_to(p), lever_m = std::abs(plane.normal.dot(by_line));
+          const double relative = std::abs(distance) / reach_of(now_[i].size() > 0 ? lever_m : 0);
+          if (!(relative < nearest) || plane.distance_to(T.translation()) <= 0) continue;
+          nearest = relative;
           sample.plane = k;
-          sample.residual_m = distance;
+          sample.residual_m = float(distance);
+          sample.lever_m = now_[i].size() > 0 ? float(lever_m) : 0;
         }
-        if (!(std::abs(sample.residual_m) < float(reach_m))) continue;
+        if (!(nearest < 1)) continue;
         sample.point = p.cast<float>();
         sample.line = std::uint32_t(u);
         sample.half = std::uint32_t(v * kRuns / view.range.height) % 2;

@@ -3,6 +3,7 @@
 // What the angles of a scanner's lines are off by, scan by scan: found from large planes, which are bent by them.
 
 #include <cstdint>
+#include <numbers>
 #include <span>
 #include <vector>
 
@@ -25,13 +26,15 @@ struct LineAngles {
   std::vector<std::vector<double>> offsets_rad;  ///< of each view: per column, in all; empty: none
   std::vector<double> firmness;                  ///< by which lines are held to each other; 0: to where they were
   std::vector<Plane> planes;                     ///< that views share; none: to be found
-  double reach_m = 0;                            ///< how far samples may be from their planes
+  double reach_m = 0;                            ///< how far samples may be from their planes …
+  double reach_rad = std::numbers::pi;           ///< … and, for what the angles of their lines are off by
   double first_reach_m = 0;                      ///< of the first step
   bool has_settled = false;                      ///< whether that has stopped to shrink: only then are lines judged
 };
 
 struct LineStep {
   std::vector<Vector6d> motion;  ///< of the views: rotation, translation about the centre, world axes
+  std::vector<Matrix6d> known;   ///< what planes tell of each view's motion, whatever its lines are off by
   bool is_last = false;          ///< whether lines are where they belong, or stay where they are
 };
 

@@ -23,6 +23,7 @@ void Registrar::link() {
   for (const Overlap& overlap :
        select_pairs(find_overlaps(posed_at(levels_ - 1), capture_m_, context_), n_, kMostPartners))
     pairs_.push_back({overlap, {capture_m_ / kTukey, capture_m_}});
+  on_the_way_ = std::max(kOnTheWayEach, kOnTheWay * n_ / (2 * std::max<std::size_t>(1, pairs_.size())));
   for (const std::uint32_t view : options_.fixed) result_.views[view].placement = ViewPlacement::kFixed;
   fix_parts();
   start_pairs();

@@ -43,6 +43,8 @@ class Network {
       Vector6d prior = Vector6d::Constant(1 / (prior_m * prior_m));
       prior.head<3>() *= views[i].radius_m * views[i].radius_m;
       H[k].diagonal() += prior;
+      H[k] += views[i].known;
+      g_.segment<6>(6 * slot_[i]) += views[i].known * views[i].away;
       F[k].diagonal() += prior;
       put(H[k], slot_[i], slot_[i], off_H);
       put(F[k], slot_[i], slot_[i], off_F);

@@ -23,6 +23,8 @@ struct NetworkView {
   bool is_fixed = false;
   Eigen::Vector3d center = Eigen::Vector3d::Zero();  ///< of its motion, in world coordinates
   double radius_m = 1;                               ///< of what it sees, about the centre
+  Matrix6d known = Matrix6d::Zero();                 ///< information of its own, as that of planes it lies on, …
+  Vector6d away = Vector6d::Zero();                  ///< … and how far it is from where that has it
 };
 
 /// A way in which views can slide without anything to show for it: nothing was moved along it.

@@ -12,7 +12,7 @@ namespace {
 constexpr std::size_t kProbes = 3000, kSeeds = 200;
 constexpr std::size_t kMostPlanes = 16;
 // Of all surface: less than this is furniture.
-constexpr double kLeastShare = 0.02;
+constexpr double kLeastShare = 0.01;
 // Surfels of a plane look the same way, as far as their normals are known: 37°.
 constexpr double kAlike = 0.8;
 constexpr int kFits = 3;

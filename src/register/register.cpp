@@ -59,9 +59,11 @@ RegisterResult Registrar::run() {
   refine_all();
   if (options_.calibrate && calibrate_lines()) {
     link();
-    refine(0, kFineIterations);  // planes have put views nearly in place; coarse levels would slide along them
+    descend(0);  // planes have put views nearly in place; coarse levels would slide along them
+    refine_with_all(make_trees(0));
   }
   if (options_.calibrate) calibrate();
+  mend_misplaced();
   StageScope stage(context_, "judge registration");
   judge();
   finish();
@@ -126,9 +128,10 @@ std::vector<Posed> Registrar::posed_at(int level) const {
 void Registrar::refine_all() {
   StageScope stage(context_, "register", std::uint64_t(levels_));
   for (int level = levels_ - 1; level >= 0; --level) {
-    refine(level, level == 0 ? kFineIterations : kCoarseIterations);
+    descend(level);
     stage.advance();
   }
+  refine_with_all(make_trees(0));
 }
 
 bool Registrar::is_moving(std::size_t i) const { return result_.views[i].placement == ViewPlacement::kPlaced; }
@@ -138,20 +141,16 @@ bool Registrar::is_central(std::size_t i) const {
          std::holds_alternative<SphericalSensor>(views_[i].sensor);
 }
 
-void Registrar::refine(int level, int iterations) {
+void Registrar::descend(int level) {
   const double finest = level > 0 ? kFinestScale * spacing_at(level) : 0;
+  const int iterations = level > 0 ? kCoarseIterations : kFineIterations;
   if (scale_m_ < finest) return;
   const std::vector<std::optional<KdTree>> trees = make_trees(level);
   for (int iteration = 0; iteration < iterations; ++iteration) {
-    if (!step(level, trees, on_the_way())) continue;
+    if (!step(level, trees, on_the_way_)) continue;
     if (scale_m_ <= finest || scale_m_ < kNegligible * typical_noise()) break;
     scale_m_ = std::max(finest, kClosing * scale_m_);
   }
-  if (level == 0) refine_with_all(trees);
-}
-
-std::size_t Registrar::on_the_way() const {
-  return std::max(kOnTheWayEach, kOnTheWay * n_ / (2 * std::max<std::size_t>(1, pairs_.size())));
 }
 
 void Registrar::refine_with_all(const std::vector<std::optional<KdTree>>& trees) {
@@ -255,7 +254,12 @@ double Registrar::typical_noise() const {
 
 std::vector<NetworkView> Registrar::network_views() const {
   std::vector<NetworkView> out(n_);
-  for (std::size_t i = 0; i < n_; ++i) out[i] = {!is_moving(i), center_of(i), std::max(pyramids_[i].radius_m, 1e-9)};
+  for (std::size_t i = 0; i < n_; ++i) {
+    out[i] = {!is_moving(i), center_of(i), std::max(pyramids_[i].radius_m, 1e-9)};
+    if (known_.empty()) continue;
+    out[i].known = known_[i];
+    out[i].away = motion_since_given(i);
+  }
   return out;
 }
 
@@ -295,6 +299,12 @@ double Registrar::move_views(const std::vector<Vector6d>& motion) {
 const char* name_of(ViewPlacement placement) {
   constexpr std::array<const char*, 4> kNames = {"fixed", "placed", "unlinked", "refused"};
   return kNames[std::size_t(placement)];
+}
+
+std::string warning_about(const std::string& name, const PlacedView& view) {
+  if (view.problem.empty()) return {};
+  const bool is_left = view.placement != ViewPlacement::kPlaced;
+  return "view " + name + (is_left ? " was left where it was: " : " may be misplaced: ") + view.problem;
 }
 
 RegisterResult register_views(std::span<const View> views, std::span<const NoiseModel> noise, const PictureOf& pictures,

@@ -27,14 +27,6 @@ inline constexpr std::size_t kFewestMatches = 30;
 // Each measurement is matched from both sides.
 inline constexpr double kCountedTwice = 2;
 
-/// The one in the middle, the upper of two; 0 of none. Reorders.
-inline double middle(std::vector<double>& values) {
-  if (values.empty()) return 0;
-  const auto at = values.begin() + std::ptrdiff_t(values.size() / 2);
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
-
 class Registrar {
  public:
   Registrar(std::span<const View> views, std::span<const NoiseModel> noise, const PictureOf& pictures,
@@ -53,6 +45,7 @@ class Registrar {
     bool is_dropped = false;
   };
 
+  static bool is_live(const Pair& pair) { return !pair.is_dropped && pair.sums.matches > 0; }
   void judge_noise();
   void make_pyramids();
   void set_capture_range();
@@ -72,8 +65,7 @@ class Registrar {
   // well, and for pairs that it finds too little of.
   std::vector<std::optional<KdTree>> make_trees(int level) const;
   // At one level, from the present scale to the finest that the level can tell.
-  void refine(int level, int iterations);
-  std::size_t on_the_way() const;
+  void descend(int level);
   // Coarse levels see motions as certain that the finest knows nothing of: what views moved along those is taken back.
   void refine_with_all(const std::vector<std::optional<KdTree>>& trees);
   // What all views know of each spot, so that what many show does not count many times. Poses hardly move from here on.
@@ -108,7 +100,19 @@ class Registrar {
   };
   // Of a pair under given poses: all matches within the capture range, and how well they fit by the final gate.
   Agreement agreement(const Pair& pair, const Posed& a, const Posed& b) const;
+  double gain_of(const std::vector<Pair>& pairs) const;
   // Compares with the poses as given. Views and pairs that got worse are left out, and the rest is refined once more.
+  // By how many standard deviations each view is more strained than usual: pulls against the others, or fits less.
+  std::vector<double> strains() const;
+  // Less what is usual among its partners, which see the same things: of twigs and clutter less fits than of walls.
+  std::vector<double> beside_partners(const std::vector<double>& of_view) const;
+  void mend_misplaced();
+  // Starts strained views again, against those that are not. Whether any was moved.
+  bool restart(const std::vector<double>& strain);
+  // Whether the view fits better somewhere else than where it is; it is put there.
+  bool place_anew(std::size_t i, const std::vector<bool>& is_suspect);
+  // As given, and as given against each of the partners that share most with it.
+  std::vector<Eigen::Isometry3d> starts_of(std::size_t i, std::vector<Pair> own) const;
   void judge();
   static bool is_worse(double before, double after);
   // Whether anything was left out that was not before.
@@ -139,9 +143,11 @@ class Registrar {
   int levels_ = 0;
   double capture_m_ = 0;
   double scale_m_ = 0;
-  std::vector<Vector6d> slid_;  // what takes back the motion along what the last step found undetermined
+  std::vector<Matrix6d> known_;  // of each view, what planes tell of its motion since they put it in place; or none
+  std::vector<Vector6d> slid_;   // what takes back the motion along what the last step found undetermined
   std::vector<Pair> pairs_;
-  std::vector<std::vector<Spot>> spots_;  // of the finest level, once views are nearly in place
+  std::size_t on_the_way_ = kOnTheWayEach;  // surfels of each view that are matched with each partner
+  std::vector<std::vector<Spot>> spots_;    // of the finest level, once views are nearly in place
 };
 
 }  // namespace lapseam

@@ -14,6 +14,8 @@ constexpr double kSpacings = 8, kSigmas = 4;
 constexpr double kSteepest = 4;
 // Normals of one surface in two views; and no grazing looks, which magnify sideways errors.
 constexpr double kAlike = 0.8, kFacing = 0.4;
+// Share of a range by which a sample is moved to see which way.
+constexpr double kStep = 0.001;
 
 // What b measured at (u, v), from the four samples around it.
 struct Surface {
@@ -80,7 +82,11 @@ ViewComparison compare_views(const ViewProbe& a, const View& b, const NoiseModel
       // a's noise runs along a's ray; what of it is across the surface shows along b's ray.
       const double sigma_a = sample.sigma_m * sample.cosine / cosine;
       const double sigma = std::sqrt(sigma_a * sigma_a + sigma_b * sigma_b * surface.variance_factor);
-      out.disagreements.push_back({at.r - surface.range_m, cosine, sigma});
+      // Cameras' ranges are depths, and not along the ray.
+      const double off = at.r - surface.range_m, step = kStep * surface.range_m;
+      const Eigen::Vector3d by_step =
+          unproject(b.sensor, at.u, at.v, surface.range_m + step) - unproject(b.sensor, at.u, at.v, surface.range_m);
+      out.disagreements.push_back({off, cosine, sigma, -normal_b.dot(by_step) * off / step});
     }
   };
   // Nothing farther from b's samples than the widest gate can lie on them.

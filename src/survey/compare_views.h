@@ -14,6 +14,7 @@ struct SampleDisagreement {
   double along_ray_m;  ///< a's range in b's image less b's
   double cosine;       ///< between b's normal and ray
   double sigma_m;      ///< what noise makes of along_ray_m
+  double across_m;     ///< a's distance from b's surface, along b's normal; positive behind it
 };
 
 struct ViewComparison {

@@ -41,17 +41,21 @@ RegistrationError summarize_registration(std::vector<double> errors_m) {
   return out;
 }
 
+std::vector<double> distances(const ViewComparison& found) {
+  std::vector<double> out;
+  out.reserve(found.disagreements.size());
+  for (const SampleDisagreement& d : found.disagreements) out.push_back(std::abs(d.across_m));
+  return out;
+}
+
 std::optional<PairSurvey> describe_pair(const ViewComparison& found, std::size_t samples_of_a) {
   if (found.on_surface == 0) return std::nullopt;
   PairSurvey pair;
   pair.overlap = double(found.on_surface) / double(samples_of_a);
   pair.compared = found.disagreements.size();
-  std::vector<double> along, absolute;
-  for (const SampleDisagreement& d : found.disagreements) {
-    along.push_back(d.along_ray_m);
-    absolute.push_back(std::abs(d.along_ray_m));
-  }
-  pair.median_m = quantile(along, 0.5);
+  std::vector<double> across, absolute = distances(found);
+  for (const SampleDisagreement& d : found.disagreements) across.push_back(d.across_m);
+  pair.median_m = quantile(across, 0.5);
   pair.median_absolute_m = quantile(absolute, 0.5);
   pair.p90_absolute_m = quantile(absolute, 0.9);
   return pair;
@@ -70,6 +74,7 @@ Disagreement survey_disagreement(std::span<const View> views, std::span<const No
   const std::size_t n = views.size();
   std::vector<std::optional<double>> errors(n * n);
   std::vector<std::optional<PairSurvey>> pairs(n * n);
+  std::vector<std::vector<double>> apart(n * n);
   parallel_for(context, n * n, 16, [&](std::size_t k) {
     const std::size_t a = k / n, b = k % n;
     if (a == b) return;
@@ -79,13 +84,16 @@ Disagreement survey_disagreement(std::span<const View> views, std::span<const No
     if (!pairs[k]) return;
     pairs[k]->a = std::uint32_t(a);
     pairs[k]->b = std::uint32_t(b);
+    apart[k] = distances(found);
   });
   Disagreement out;
-  std::vector<double> told;
+  std::vector<double> told, all;
   for (std::size_t k = 0; k < n * n; ++k) {
     if (errors[k]) told.push_back(*errors[k]);
     if (pairs[k]) out.pairs.push_back(*pairs[k]);
+    all.insert(all.end(), apart[k].begin(), apart[k].end());
   }
+  out.distance_m = quantile(all, 0.5);
   out.error = summarize_registration(std::move(told));
   return out;
 }

@@ -136,27 +136,29 @@ class Surveyor {
         with_view(i, [&](const View& view) { probes[i] = make_probe(view, noise_[i], options_.samples_per_view); });
     });
     std::vector<std::vector<PairSurvey>> pairs(n);  // by b
-    std::vector<std::vector<double>> errors(n);
+    std::vector<std::vector<double>> errors(n), apart(n);
     parallel_for(context_, n, 1, [&](std::size_t b) {
       if (out_.views[b].is_usable())
         with_view(b, [&](const View& view) {
           for (std::size_t a = 0; a < n; ++a)
-            if (a != b) compare(a, b, probes, view, pairs[b], errors[b]);
+            if (a != b) compare(a, b, probes, view, pairs[b], errors[b], apart[b]);
         });
       stage.advance();
     });
-    std::vector<double> told;
+    std::vector<double> told, all;
     for (std::size_t b = 0; b < n; ++b) {
       out_.pairs.insert(out_.pairs.end(), pairs[b].begin(), pairs[b].end());
       told.insert(told.end(), errors[b].begin(), errors[b].end());
+      all.insert(all.end(), apart[b].begin(), apart[b].end());
     }
+    out_.distance_m = quantile(all, 0.5);
     std::sort(out_.pairs.begin(), out_.pairs.end(),
               [](const PairSurvey& x, const PairSurvey& y) { return x.a != y.a ? x.a < y.a : x.b < y.b; });
     out_.registration = summarize_registration(std::move(told));
   }
 
   void compare(std::size_t a, std::size_t b, const std::vector<ViewProbe>& probes, const View& view_b,
-               std::vector<PairSurvey>& pairs, std::vector<double>& errors) const {
+               std::vector<PairSurvey>& pairs, std::vector<double>& errors, std::vector<double>& apart) const {
     if (probes[a].samples.empty()) return;
     const ViewComparison found = compare_views(probes[a], view_b, noise_[b], probes[b]);
     auto pair = describe_pair(found, probes[a].samples.size());
@@ -164,6 +166,8 @@ class Surveyor {
     pair->a = std::uint32_t(a);
     pair->b = std::uint32_t(b);
     pairs.push_back(*pair);
+    const std::vector<double> found_apart = distances(found);
+    apart.insert(apart.end(), found_apart.begin(), found_apart.end());
     if (const auto error = unexplained_error(found.disagreements)) errors.push_back(*error);
   }
 

@@ -72,8 +72,27 @@ TEST(Survey, MeasuresOverlapAndDisagreement) {
     // 20 mm and 1.3 standard deviations of two samples' noise.
     EXPECT_NEAR(pair->p90_absolute_m, 0.0216, 0.0005);
   }
+  EXPECT_NEAR(found.distance_m, 0.02, 0.0005);
   EXPECT_NEAR(found.registration.median_m, 0.02, 0.01);
   EXPECT_EQ(found.registration.pairs, 2u);
+}
+
+TEST(Survey, DistancesAreAcrossSurfaces) {
+  // From the side a wall is not farther off; along rays it would be by 1 / cos 45 degrees.
+  const Sensor sensor = PinholeSensor{200, 200, 400, 400, 99.5, 99.5, {}};
+  const auto wall = test::plane({0, 0, 0}, Eigen::Vector3d::UnitZ());
+  Scene scene;
+  for (int i = 0; i < 3; ++i)
+    scene.views.push_back(test::as_source(test::make_view("v" + std::to_string(i), sensor,
+                                                          test::look_at({0.1 * i, 0, 2}, {0.1 * i + 2, 0, 0}), wall,
+                                                          0.001, unsigned(i + 1))));
+  scene.views[2].T_world_view.pretranslate(Eigen::Vector3d(0, 0, -0.02));
+  const Survey found = run(scene);
+  ASSERT_TRUE(find(found, 0, 2));
+  EXPECT_NEAR(find(found, 0, 2)->median_m, -0.02, 0.001);
+  EXPECT_NEAR(find(found, 2, 1)->median_absolute_m, 0.02, 0.001);
+  // Four of the six ordered pairs are 20 mm apart.
+  EXPECT_NEAR(found.distance_m, 0.02, 0.002);
 }
 
 TEST(Survey, ViewsInPlaceAgree) {

@@ -66,6 +66,7 @@ nlohmann::ordered_json to_json(const Scene& scene, const Survey& found, const Co
                             {"median_m", pair.median_m},
                             {"median_absolute_m", pair.median_absolute_m},
                             {"p90_absolute_m", pair.p90_absolute_m}});
+  out["distance_m"] = found.distance_m;
   out["registration_error"] = {{"median_m", found.registration.median_m},
                                {"p90_m", found.registration.p90_m},
                                {"pairs", found.registration.pairs}};

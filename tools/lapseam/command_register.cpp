@@ -74,16 +74,6 @@ void print_errors(const char* when, const Scene& scene, const Scene& truth) {
              1000 * errors.p90_translation_m, kDegPerRad * errors.p90_rotation_rad);
 }
 
-// The middle pair of views: how far its surfaces are apart.
-double typical(const Disagreement& disagreement) {
-  std::vector<double> medians;
-  for (const PairSurvey& pair : disagreement.pairs)
-    if (pair.compared > 0) medians.push_back(pair.median_absolute_m);
-  if (medians.empty()) return 0;
-  std::sort(medians.begin(), medians.end());
-  return medians[medians.size() / 2];
-}
-
 void print_sliding(const RegisterSceneReport& report) {
   for (const Sliding& sliding : report.registration.sliding) {
     const bool is_turn = sliding.rotation.norm() > sliding.translation.norm();
@@ -130,7 +120,7 @@ void print_summary(const RegisterSceneReport& report) {
   fmt::print("{} pairs, {} left out; capture range {:.3g} mm, {:.3g} deg\n", report.registration.pairs.size(), dropped,
              1000 * report.registration.capture_m, kDegPerRad * report.registration.capture_rad);
   fmt::print("median distance between two views: {:.3g} mm before, {:.3g} mm after\n",
-             1000 * typical(report.disagreement_before), 1000 * typical(report.disagreement_after));
+             1000 * report.disagreement_before.distance_m, 1000 * report.disagreement_after.distance_m);
   fmt::print("beyond the noise: {:.3g} mm before, {:.3g} mm after\n", 1000 * report.disagreement_before.error.median_m,
              1000 * report.disagreement_after.error.median_m);
 }
