@@ -12,6 +12,7 @@
 #include "support/painted_views.h"
 #include "texture/depth_image.h"
 #include "texture/foreign_colors.h"
+#include "texture/painting.h"
 
 namespace lapseam {
 namespace {
@@ -175,6 +176,29 @@ TEST(ForeignColors, WhatShowsTheBackgroundBeyondTheFringeJoinsIt) {
   EXPECT_FALSE(depth.is_fringe({107, 60})) << "the wall's own colour";
   EXPECT_TRUE(depth.is_foreign({94, 60}));
   EXPECT_FALSE(depth.is_foreign({99, 60})) << "the fringe that was there";
+}
+
+// A row of pixels: own colour, then what shows the background, twice as wide as a fringe, then a fringe.
+TEST(ForeignColors, AreReplacedHoweverWideTheyAreAndFringesAlone) {
+  constexpr int kClean = 16, kForeign = 24, kAll = 32;
+  Chart chart;
+  chart.shape.width = kAll / kBlock_px, chart.shape.height = 1;
+  chart.shape.used.assign(std::size_t(chart.shape.width), 1);
+  const auto painted = [&](std::uint16_t foreign_mark) {
+    ColorImage page(kAll, kBlock_px);
+    PartMap map(kAll, kBlock_px);
+    for (int y = 0; y < kBlock_px; ++y)
+      for (int x = 0; x < kAll; ++x) {
+        page.at(x, y) = x < kClean ? Rgb8{10, 200, 10} : Rgb8{200, 10, 10};
+        map.at(x, y) = std::uint16_t(1 | (x < kClean ? 0 : x < kForeign ? foreign_mark : kNearStepBit));
+      }
+    fill_unused(chart, 4, map, page);
+    return page;
+  };
+  const ColorImage page = painted(kNearStepBit | kForeignBit);
+  for (const int x : {kClean, kForeign - 1, kForeign + 3}) EXPECT_EQ(page.at(x, 4), (Rgb8{10, 200, 10})) << x;
+  EXPECT_EQ(page.at(kForeign + 6, 4), (Rgb8{200, 10, 10})) << "farther from any known colour than a fringe is wide";
+  EXPECT_EQ(painted(kNearStepBit).at(kForeign - 1, 4), (Rgb8{200, 10, 10})) << "not foreign";
 }
 
 TEST(Atlas, WhatNoImageShowsContinuesTheColorsAround) {
