@@ -62,7 +62,7 @@ struct TextureReport {
 /// shows have no page either, and are marked as unseen; their vertex colours continue those around them. `sources[i]`
 /// is view i of the mesh's provenance; views without colour are no candidates, those with several images are one for
 /// each. The mesh's provenance stays as it is; without it, any view may show any triangle. Images are decoded at most
-/// four times, one per thread at a time; memory otherwise: five bytes for each pixel of the pages, and about 100 bytes
+/// five times, one per thread at a time; memory otherwise: five bytes for each pixel of the pages, and about 100 bytes
 /// a triangle. The same bytes for any number of threads. Throws InvalidInput when a limit cannot be met, and what
 /// load_color throws.
 TextureReport texture(Mesh& mesh, std::span<const ViewSource> sources, const TextureOptions& options, Context& context);

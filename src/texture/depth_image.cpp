@@ -59,10 +59,10 @@ float median_distance(const Image<float>& distance_m) {
 
 }  // namespace
 
-bool DepthImage::is_fringe(const Eigen::Vector2f& pixel) const {
+std::uint8_t DepthImage::step_at(const Eigen::Vector2f& pixel) const {
   const int u = std::clamp(cell(pixel.x()), 0, distance_m.width - 1);
   const int v = std::clamp(cell(pixel.y()), 0, distance_m.height - 1);
-  return is_near_step.at(u, v) != 0;
+  return is_near_step.at(u, v);
 }
 
 bool DepthImage::is_visible(const Eigen::Vector2f& pixel, float distance) const {

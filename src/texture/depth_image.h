@@ -14,20 +14,26 @@ inline constexpr float kMostDisplacement_px = 16;
 /// One value for every stride × stride pixels of the colour image.
 struct DepthImage {
   int stride = 1;
-  Image<float> distance_m;           ///< along the ray; infinite where it meets nothing
-  float angle_rad = 0;               ///< between the rays of neighbouring pixels, in the middle
-  float pixel_m = 0;                 ///< length of a pixel where the model is at its middle distance
-  int fringe_px = 0;                 ///< how far from a jump, at most, pixels are near it
-  Image<std::uint8_t> is_near_step;  ///< within the fringe of a jump: the colour may be that of the other side
+  Image<float> distance_m;  ///< along the ray; infinite where it meets nothing
+  float angle_rad = 0;      ///< between the rays of neighbouring pixels, in the middle
+  float pixel_m = 0;        ///< length of a pixel where the model is at its middle distance
+  int fringe_px = 0;        ///< how far from a jump, at most, pixels are near it
+  /// Within the fringe of a jump, where the colour may be that of the other side, or kForeign.
+  Image<std::uint8_t> is_near_step;
+  static constexpr std::uint8_t kForeign = 2;  ///< the colour is that of what is behind, see mark_foreign_colors
 
   int cell(float pixel) const { return int((pixel + 0.5f) / float(stride)); }
-  bool is_fringe(const Eigen::Vector2f& pixel) const;
+  bool is_fringe(const Eigen::Vector2f& pixel) const { return step_at(pixel) != 0; }
+  bool is_foreign(const Eigen::Vector2f& pixel) const { return step_at(pixel) == kForeign; }
   /// Whether a point, at a pixel and a distance, is the first that the camera sees there. A fiftieth of the distance is
   /// allowed for what the model's surface and the image's coarseness are off.
   bool is_visible(const Eigen::Vector2f& pixel, float distance_m) const;
   /// Whether the image shows something else there: not visible, or beside a jump, where is_visible takes the farther
   /// side for several pixels, on its nearer side.
   bool is_hidden(const Eigen::Vector2f& pixel, float distance_m) const;
+
+ private:
+  std::uint8_t step_at(const Eigen::Vector2f& pixel) const;
 };
 
 /// Without fringes yet.

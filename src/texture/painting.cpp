@@ -52,9 +52,11 @@ void for_owned_pixels(const Chart& chart, const Visit& visit) {
 }
 
 /// Visits the pixels of a chart in the order of their distance (by steps to one of eight neighbours) from those where
-/// is_source says so, up to `farthest`: visit(x, y, from_x, from_y), from being a neighbour visited before.
-template <typename IsSource, typename Visit>
-void spread(const Chart& chart, int farthest, const IsSource& is_source, const Visit& visit) {
+/// is_source says so, up to `farthest` and within what may_enter allows: visit(x, y, from_x, from_y), from being a
+/// neighbour visited before.
+template <typename IsSource, typename MayEnter, typename Visit>
+void spread(const Chart& chart, int farthest, const IsSource& is_source, const MayEnter& may_enter,
+            const Visit& visit) {
   const int width = chart.shape.width * kBlock_px, height = chart.shape.height * kBlock_px;
   Image<std::uint8_t> is_reached(width, height);
   std::vector<std::pair<int, int>> front, next;
@@ -68,7 +70,8 @@ void spread(const Chart& chart, int farthest, const IsSource& is_source, const V
     for (const auto& [x, y] : front)
       for (const auto& [dx, dy] : kAround) {
         const int u = x + dx, v = y + dy;
-        if (u < 0 || v < 0 || u >= width || v >= height || is_reached.at(u, v) || !chart.owns(u, v)) continue;
+        if (u < 0 || v < 0 || u >= width || v >= height || is_reached.at(u, v) || !chart.owns(u, v) || !may_enter(u, v))
+          continue;
         is_reached.at(u, v) = 1;
         visit(u, v, x, y);
         next.emplace_back(u, v);
@@ -169,7 +172,7 @@ void paint_triangle(const Mesh& mesh, const Charts& charts, std::uint32_t triang
     if (is_inside && is_hidden)
       mark |= kHiddenBits;
     else if (photograph.depth.is_fringe(at))
-      mark |= kNearStepBit;
+      mark |= photograph.depth.is_foreign(at) ? kNearStepBit | kForeignBit : kNearStepBit;
   });
 }
 
@@ -179,10 +182,11 @@ std::uint64_t fill_unused(const Chart& chart, int fringe_px, PartMap& map, Color
   std::uint64_t replaced = 0;
   Image<std::uint8_t> is_done(chart.shape.width * kBlock_px, chart.shape.height * kBlock_px);
   std::vector<std::pair<int, int>> filled;
-  const auto fill_from = [&](const auto& is_source, int farthest) {
+  const auto fill_from = [&](const auto& is_source, int farthest, const auto& is_wanted) {
     for_owned_pixels(chart, [&](int x, int y) { is_done.at(x, y) |= std::uint8_t(is_source(mark(x, y))); });
     spread(
         chart, farthest, [&](int x, int y) { return is_done.at(x, y) != 0; },
+        [&](int x, int y) { return is_wanted(mark(x, y)); },
         [&](int x, int y, int from_x, int from_y) {
           is_done.at(x, y) = 1;
           filled.emplace_back(x, y);
@@ -194,10 +198,13 @@ std::uint64_t fill_unused(const Chart& chart, int fringe_px, PartMap& map, Color
   };
   const int all = (chart.shape.width + chart.shape.height) * kBlock_px;
   const int fringe = std::max(1, int(std::ceil(float(fringe_px) * chart.scale)));
-  fill_from([](std::uint16_t m) { return is_shown(m) && !(m & kNearStepBit); }, fringe);
+  const auto is_clean = [](std::uint16_t m) { return is_shown(m) && !(m & kNearStepBit); };
+  const auto is_any = [](std::uint16_t) { return true; };
+  fill_from(is_clean, all, [](std::uint16_t m) { return (m & kForeignBit) != 0; });
+  fill_from(is_clean, fringe, is_any);
   soften(chart, filled, is_done, 2 * fringe, map, page);
-  fill_from(is_shown, all);
-  fill_from([](std::uint16_t m) { return m != 0; }, all);  // where triangles lie between pixels
+  fill_from(is_shown, all, is_any);
+  fill_from([](std::uint16_t m) { return m != 0; }, all, is_any);  // where triangles lie between pixels
   return replaced;
 }
 

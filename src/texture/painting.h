@@ -15,7 +15,8 @@ namespace lapseam {
 /// Of each pixel of a page: which of its chart's parts it belongs to, counted from 1 (0: outside of all charts, or not
 /// yet known), and marks.
 using PartMap = Image<std::uint16_t>;
-inline constexpr std::uint16_t kPartBits = 0x3fff;
+inline constexpr std::uint16_t kPartBits = 0x1fff;
+inline constexpr std::uint16_t kForeignBit = 0x2000;  ///< of those near a jump: the colour is that of what is behind
 inline constexpr std::uint16_t kPaddingBit = 0x4000;  ///< its centre lies in no triangle
 inline constexpr std::uint16_t kNearStepBit =
     0x8000;  ///< near a jump of depth: the colour may be that of the other side
@@ -51,10 +52,11 @@ void mark_parts(const Charts& charts, const Chart& chart, PartMap& map);
 void paint_triangle(const Mesh& mesh, const Charts& charts, std::uint32_t triangle, const Photograph& photograph,
                     PartMap& map, ColorImage& page);
 
-/// Gives pixels near a jump of depth the colour of the nearest clean one of the chart, where there is one within
-/// `fringe_px` of the image: beyond the fringe of one jump there are others all around, and nothing is better than what
-/// is there. These are smoothed among each other. Then those in no triangle, and those that are hidden, that of the
-/// nearest other one, whose part they join. The number of pixels in triangles whose colours were replaced.
+/// Gives pixels whose colours are foreign that of the nearest clean one, then those near a jump of depth the colour of
+/// the nearest clean one of the chart, where there is one within `fringe_px` of the image: beyond the fringe of one
+/// jump there are others all around, and nothing is better than what is there. These are smoothed among each other.
+/// Then those in no triangle, and those that are hidden, that of the nearest other one, whose part they join. The
+/// number of pixels in triangles whose colours were replaced.
 std::uint64_t fill_unused(const Chart& chart, int fringe_px, PartMap& map, ColorImage& page);
 
 /// What is added to a chart's pixels; see level.h.

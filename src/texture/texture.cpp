@@ -18,6 +18,7 @@
 #include "texture/choose_frames.h"
 #include "texture/choose_images.h"
 #include "texture/equalize.h"
+#include "texture/foreign_colors.h"
 #include "texture/layout.h"
 #include "texture/level.h"
 #include "texture/packing.h"
@@ -127,6 +128,10 @@ class Texturing {
       if (found.is_aligned) depths_[i] = render_depth(*cameras_[i], *scene_, depths_[i].stride);
       const double expected_px = expected_displacement_px(i), found_px = double(found.displacement_px[i]);
       mark_fringes(depths_[i], cameras_[i]->wraps(), found_px > 0 ? std::min(found_px, expected_px) : expected_px);
+    });
+    parallel_for(context_, sources_.size(), 1, [&](std::size_t i) {
+      if (cameras_[i])
+        mark_foreign_colors(load_color(sources_[i]), cameras_[i]->wraps(), options_.registration_error_m, depths_[i]);
     });
     scene_.reset();
     // Better than what equalize finds: images are compared with what all show together, so noise is no detail.

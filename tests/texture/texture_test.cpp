@@ -11,6 +11,8 @@
 #include "lapseam/render.h"
 #include "support/painted_views.h"
 #include "texture/depth_image.h"
+#include "texture/foreign_colors.h"
+#include "texture/painting.h"
 
 namespace lapseam {
 namespace {
@@ -149,6 +151,54 @@ TEST(DepthImage, WhatAJumpHidesIsHiddenUpToTheJump) {
   EXPECT_TRUE(depth.is_hidden({10, 9}, 2));
   EXPECT_FALSE(depth.is_hidden({18.8f, 9}, 1));
   EXPECT_FALSE(depth.is_hidden({21, 9}, 2));
+}
+
+// A red thing before a blue wall, whose surface is ten pixels wider than it is: at its rims the image shows the wall.
+TEST(ForeignColors, WhatShowsTheBackgroundBeyondTheFringeJoinsIt) {
+  constexpr int kWide = 200, kHigh = 120;
+  ColorImage image(kWide, kHigh);
+  for (int v = 0; v < kHigh; ++v)
+    for (int u = 0; u < kWide; ++u) image.at(u, v) = u < 90 ? Rgb8{200, 30, 30} : Rgb8{30, 30, 200};
+  DepthImage depth;
+  depth.stride = 2;
+  depth.angle_rad = 0.002f;
+  depth.distance_m = Image<float>(kWide / 2, kHigh / 2);
+  for (int v = 0; v < kHigh / 2; ++v)
+    for (int u = 0; u < kWide / 2; ++u) depth.distance_m.at(u, v) = u < 50 ? 1.0f : 2.0f;
+  mark_fringes(depth, false, 0);
+  ASSERT_FALSE(depth.is_fringe({94, 60}));
+  DepthImage placed = depth;
+  mark_foreign_colors(image, false, 0.001, placed);
+  EXPECT_FALSE(placed.is_fringe({92, 60})) << "farther in than misplaced surfaces reach";
+  mark_foreign_colors(image, false, 0.01, depth);
+  for (int u = 91; u < 100; ++u) EXPECT_TRUE(depth.is_fringe({float(u), 60})) << u;
+  EXPECT_FALSE(depth.is_fringe({87, 60})) << "its own colour";
+  EXPECT_FALSE(depth.is_fringe({107, 60})) << "the wall's own colour";
+  EXPECT_TRUE(depth.is_foreign({94, 60}));
+  EXPECT_FALSE(depth.is_foreign({99, 60})) << "the fringe that was there";
+}
+
+// A row of pixels: own colour, then what shows the background, twice as wide as a fringe, then a fringe.
+TEST(ForeignColors, AreReplacedHoweverWideTheyAreAndFringesAlone) {
+  constexpr int kClean = 16, kForeign = 24, kAll = 32;
+  Chart chart;
+  chart.shape.width = kAll / kBlock_px, chart.shape.height = 1;
+  chart.shape.used.assign(std::size_t(chart.shape.width), 1);
+  const auto painted = [&](std::uint16_t foreign_mark) {
+    ColorImage page(kAll, kBlock_px);
+    PartMap map(kAll, kBlock_px);
+    for (int y = 0; y < kBlock_px; ++y)
+      for (int x = 0; x < kAll; ++x) {
+        page.at(x, y) = x < kClean ? Rgb8{10, 200, 10} : Rgb8{200, 10, 10};
+        map.at(x, y) = std::uint16_t(1 | (x < kClean ? 0 : x < kForeign ? foreign_mark : kNearStepBit));
+      }
+    fill_unused(chart, 4, map, page);
+    return page;
+  };
+  const ColorImage page = painted(kNearStepBit | kForeignBit);
+  for (const int x : {kClean, kForeign - 1, kForeign + 3}) EXPECT_EQ(page.at(x, 4), (Rgb8{10, 200, 10})) << x;
+  EXPECT_EQ(page.at(kForeign + 6, 4), (Rgb8{200, 10, 10})) << "farther from any known colour than a fringe is wide";
+  EXPECT_EQ(painted(kNearStepBit).at(kForeign - 1, 4), (Rgb8{200, 10, 10})) << "not foreign";
 }
 
 TEST(Atlas, WhatNoImageShowsContinuesTheColorsAround) {
