@@ -33,7 +33,8 @@ constexpr TriangleRule kLooseRule = {.smallest_sine = 1e-3, .fold_cosine = -0.95
 constexpr int kFirstLooseAttempt = 2;
 constexpr std::size_t kLargestLoose = 24;
 constexpr std::size_t kLargestCrack = 400;
-constexpr int kWidenings = 12;
+// Most gaps need one or two; where surfaces run through each other, twelve leave some that thirty do not.
+constexpr int kWidenings = 30;
 constexpr int kFirstTangleAttempt = 3;
 constexpr float kTangleReach = 2;  // × spacing
 constexpr int kPinchWidenings = 2;

@@ -31,20 +31,25 @@ inline std::vector<Mesh> cut_along(const Mesh& mesh, int axis, int parts, float 
   return out;
 }
 
+/// The same with every compiler: arguments of a call may be worked out in any order, these are not.
+inline Eigen::Vector3f random_direction(std::mt19937& random) {
+  std::normal_distribution<float> gauss(0, 1);
+  Eigen::Vector3f direction;
+  for (float& x : direction) x = gauss(random);
+  return direction.normalized();
+}
+
 /// Moved as a whole by `distance_m` in a direction of its own, as a registration that is a little wrong.
 inline void shift(Mesh& mesh, float distance_m, unsigned seed) {
   std::mt19937 random(seed);
-  std::normal_distribution<float> gauss(0, 1);
-  const Eigen::Vector3f direction = Eigen::Vector3f(gauss(random), gauss(random), gauss(random)).normalized();
+  const Eigen::Vector3f direction = random_direction(random);
   for (Eigen::Vector3f& p : mesh.positions_m) p += distance_m * direction;
 }
 
 /// Each vertex moved by `distance_m` in a direction of its own, as noise.
 inline void shake(Mesh& mesh, float distance_m, unsigned seed) {
   std::mt19937 random(seed);
-  std::normal_distribution<float> gauss(0, 1);
-  for (Eigen::Vector3f& p : mesh.positions_m)
-    p += distance_m * Eigen::Vector3f(gauss(random), gauss(random), gauss(random)).normalized();
+  for (Eigen::Vector3f& p : mesh.positions_m) p += distance_m * random_direction(random);
 }
 
 }  // namespace lapseam::test
