@@ -101,7 +101,6 @@ class Registrar {
   // Of a pair under given poses: all matches within the capture range, and how well they fit by the final gate.
   Agreement agreement(const Pair& pair, const Posed& a, const Posed& b) const;
   double gain_of(const std::vector<Pair>& pairs) const;
-  // Compares with the poses as given. Views and pairs that got worse are left out, and the rest is refined once more.
   // By how many standard deviations each view is more strained than usual: pulls against the others, or fits less.
   std::vector<double> strains() const;
   // Less what is usual among its partners, which see the same things: of twigs and clutter less fits than of walls.
@@ -113,6 +112,7 @@ class Registrar {
   bool place_anew(std::size_t i, const std::vector<bool>& is_suspect);
   // As given, and as given against each of the partners that share most with it.
   std::vector<Eigen::Isometry3d> starts_of(std::size_t i, std::vector<Pair> own) const;
+  // Compares with the poses as given. Views and pairs that got worse are left out, and the rest is refined once more.
   void judge();
   static bool is_worse(double before, double after);
   // Whether anything was left out that was not before.

@@ -169,7 +169,7 @@ class ForeignColors {
 }  // namespace
 
 void mark_foreign_colors(const ColorImage& image, bool wraps, double error_m, DepthImage& depth) {
-  if (error_m > 0 && !depth.is_near_step.pixels.empty()) ForeignColors(image, wraps, error_m, depth).run();
+  if (!depth.is_near_step.pixels.empty()) ForeignColors(image, wraps, error_m, depth).run();
 }
 
 }  // namespace lapseam

@@ -129,10 +129,11 @@ class Texturing {
       const double expected_px = expected_displacement_px(i), found_px = double(found.displacement_px[i]);
       mark_fringes(depths_[i], cameras_[i]->wraps(), found_px > 0 ? std::min(found_px, expected_px) : expected_px);
     });
-    parallel_for(context_, sources_.size(), 1, [&](std::size_t i) {
-      if (cameras_[i])
-        mark_foreign_colors(load_color(sources_[i]), cameras_[i]->wraps(), options_.registration_error_m, depths_[i]);
-    });
+    const double error_m = options_.registration_error_m;
+    if (error_m > 0)  // else images need not be decoded for it
+      parallel_for(context_, sources_.size(), 1, [&](std::size_t i) {
+        if (cameras_[i]) mark_foreign_colors(load_color(sources_[i]), cameras_[i]->wraps(), error_m, depths_[i]);
+      });
     scene_.reset();
     // Better than what equalize finds: images are compared with what all show together, so noise is no detail.
     if (found.is_aligned && options_.equalize) {

@@ -147,8 +147,8 @@ TEST(Rays, hole_is_missed_by_its_share_of_pixels) {
 }
 
 TEST(Rays, none_slips_through_at_the_vertices_that_lie_on_rays) {
-  constexpr int kWidth = 400, kHeight = 300;
-  View view{"v", "sensor", PinholeSensor{kWidth, kHeight, 350, 350, 199.5, 149.5, {}}, RangeImage(kWidth, kHeight), {}};
+  constexpr int kWidth = 200, kHeight = 150;
+  View view{"v", "sensor", PinholeSensor{kWidth, kHeight, 175, 175, 99.5, 74.5, {}}, RangeImage(kWidth, kHeight), {}};
   view.T_world_view =
       Eigen::Translation3d(0.3, -0.2, 1.7) * Eigen::AngleAxisd(2.1, Eigen::Vector3d(1, 2, -1).normalized());
   Mesh mesh;

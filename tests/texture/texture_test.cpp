@@ -155,16 +155,16 @@ TEST(DepthImage, WhatAJumpHidesIsHiddenUpToTheJump) {
 
 // A red thing before a blue wall, whose surface is ten pixels wider than it is: at its rims the image shows the wall.
 TEST(ForeignColors, WhatShowsTheBackgroundBeyondTheFringeJoinsIt) {
-  constexpr int kWide = 200, kHigh = 120;
-  ColorImage image(kWide, kHigh);
-  for (int v = 0; v < kHigh; ++v)
-    for (int u = 0; u < kWide; ++u) image.at(u, v) = u < 90 ? Rgb8{200, 30, 30} : Rgb8{30, 30, 200};
+  constexpr int kColumns = 200, kRows = 120;
+  ColorImage image(kColumns, kRows);
+  for (int v = 0; v < kRows; ++v)
+    for (int u = 0; u < kColumns; ++u) image.at(u, v) = u < 90 ? Rgb8{200, 30, 30} : Rgb8{30, 30, 200};
   DepthImage depth;
   depth.stride = 2;
   depth.angle_rad = 0.002f;
-  depth.distance_m = Image<float>(kWide / 2, kHigh / 2);
-  for (int v = 0; v < kHigh / 2; ++v)
-    for (int u = 0; u < kWide / 2; ++u) depth.distance_m.at(u, v) = u < 50 ? 1.0f : 2.0f;
+  depth.distance_m = Image<float>(kColumns / 2, kRows / 2);
+  for (int v = 0; v < kRows / 2; ++v)
+    for (int u = 0; u < kColumns / 2; ++u) depth.distance_m.at(u, v) = u < 50 ? 1.0f : 2.0f;
   mark_fringes(depth, false, 0);
   ASSERT_FALSE(depth.is_fringe({94, 60}));
   DepthImage placed = depth;
