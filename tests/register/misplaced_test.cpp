@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kRangeSigma_m = 0.002, kPitch_m = 0.4;
 // Standard deviations beyond which a view is reported.
-constexpr double kReported = 4.685;
+constexpr double kReported = 2 * 4.685;
 
 // A wall with a row of equal balls before it, like the ribs of a radiator, and one larger ball. Views are along it.
 std::vector<View> radiator_views() {
