@@ -14,7 +14,7 @@ namespace {
 // else.
 constexpr double kSuspected = 3;
 // What is still beyond this afterwards is reported. Far above what is tried: of a hundred views of a cluttered room,
-// each within half a millimetre of its place, seven were beyond half of this, and one is beyond it.
+// each within a millimetre of its place, seven were beyond half of this, and one is beyond it.
 constexpr double kDoubted = 2 * kTukey;
 // Fewer views, or pairs of a view, do not tell what is usual.
 constexpr std::size_t kFewestToCompare = 5, kFewestPairs = 3;
