@@ -4,6 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "evaluate/finite_or_null.h"
 #include "evaluate/image_difference.h"
 #include "evaluate/table.h"
 #include "lapseam/context.h"
@@ -52,8 +53,6 @@ void summarize(NovelEvaluation& out) {
   if (views > 0) out.mean_psnr_db /= views, out.mean_covered_share /= views;
   if (windows > 0) out.mean_ssim /= windows;
 }
-
-Json finite_or_null(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
 }  // namespace
 

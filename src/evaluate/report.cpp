@@ -1,8 +1,8 @@
 #include <fmt/format.h>
 
-#include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "evaluate/finite_or_null.h"
 #include "evaluate/table.h"
 #include "lapseam/evaluate.h"
 
@@ -10,9 +10,6 @@ namespace lapseam {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-/// JSON has no infinity.
-Json finite_or_null(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
 Json accuracy_json(const Evaluation& e) {
   if (!e.accuracy) return nullptr;

@@ -194,8 +194,8 @@ RangeGrid read_body(const Source& source, const GridHeader& header, double scale
 
 ImageSize probe_range_grid(const Source& source) {
   // Headers of range grids are short; a long one is only ever a hostile one.
-  constexpr std::size_t kHeaderBytes = 1 << 16;
-  const std::string start = read_file_start(source.file, kHeaderBytes);
+  constexpr std::size_t kMostHeaderBytes = 1 << 16;
+  const std::string start = read_file_start(source.file, kMostHeaderBytes);
   return parse_grid_header(source, start, file_size_bytes(source.file)).size;
 }
 
