@@ -3,12 +3,12 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
 
+#include "io/number_text.h"
 #include "io/output_file.h"
 #include "io/scene_formats.h"
 #include "io/scene_writer.h"
@@ -24,11 +24,6 @@ void make_folder(const fs::path& folder) {
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) throw IoError(folder, "cannot make this folder: " + error.message());
-}
-
-std::string number(double value) {
-  char digits[32];
-  return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
 }
 
 /// The image as it is where it is a PNG or JPEG file of its own, else as PNG. Gives the file's name.
@@ -127,7 +122,7 @@ class RgbdWriter : public SceneWriter {
     write_png16(folder_ / "depth" / (stem_of(loaded) + ".png"), depth);
     if (beyond > 0)
       context_.warn("view " + loaded.view.name + ": " + std::to_string(beyond) + " samples beyond " +
-                    number(kLargest / units_per_m_) + " m do not fit into 16 bits and are left out");
+                    number_text(kLargest / units_per_m_) + " m do not fit into 16 bits and are left out");
     if (!loaded.color) return;
     if (!has_registered_color(loaded)) {
       context_.warn("view " + loaded.view.name + ": its colour camera is not its depth camera, which a " +
@@ -196,14 +191,14 @@ class TumWriter : public RgbdWriter {
     const Eigen::Quaterniond q(loaded.view.T_world_view.linear());
     const Eigen::Vector3d t = loaded.view.T_world_view.translation();
     poses_ += stamp;
-    for (const double value : {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()}) poses_ += " " + number(value);
+    for (const double value : {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()}) poses_ += " " + number_text(value);
     poses_ += "\n";
   }
 
   void finish() override {
     const PinholeSensor& k = camera_.value();
     write_text(folder_ / "calibration.txt",
-               number(k.fx) + " " + number(k.fy) + " " + number(k.cx) + " " + number(k.cy) + "\n");
+               number_text(k.fx) + " " + number_text(k.fy) + " " + number_text(k.cx) + " " + number_text(k.cy) + "\n");
     write_text(folder_ / "groundtruth.txt", "# timestamp tx ty tz qx qy qz qw\n" + poses_);
     if (!rgb_.empty()) write_text(folder_ / "rgb.txt", "# timestamp filename\n" + rgb_);
     write_text(folder_ / "depth.txt", "# timestamp filename\n" + depth_);
@@ -224,7 +219,7 @@ class RedwoodWriter : public RgbdWriter {
     ++count_;
     for (int row = 0; row < 4; ++row) {
       for (int column = 0; column < 4; ++column)
-        log_ += (column ? " " : "") + number(loaded.view.T_world_view.matrix()(row, column));
+        log_ += (column ? " " : "") + number_text(loaded.view.T_world_view.matrix()(row, column));
       log_ += "\n";
     }
   }

@@ -1,8 +1,8 @@
 #include <bit>
-#include <charconv>
 #include <string>
 
 #include "io/mesh_formats.h"
+#include "io/number_text.h"
 #include "io/output_file.h"
 
 namespace lapseam {
@@ -10,19 +10,14 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "binary files are written in the machine's byte order");
 
-std::string shortest(double value) {
-  char text[32];
-  return std::string(text, std::to_chars(text, text + sizeof text, value).ptr);
-}
-
 std::string header_text(const Mesh& mesh, bool with_provenance) {
   std::string text = "ply\nformat binary_little_endian 1.0\ncomment written by lapseam\n";
   if (with_provenance && !mesh.triangle_tag.empty()) text += "comment tag: 0 measured, 1 seam, 2 filled\n";
   if (with_provenance && !mesh.is_unseen.empty())
     text += "comment unseen: 1 no image shows it, its colour is made up\n";
   if (!mesh.origin_m.isZero(0))
-    text += "obj_info origin_m " + shortest(mesh.origin_m.x()) + " " + shortest(mesh.origin_m.y()) + " " +
-            shortest(mesh.origin_m.z()) + "\n";
+    text += "obj_info origin_m " + number_text(mesh.origin_m.x()) + " " + number_text(mesh.origin_m.y()) + " " +
+            number_text(mesh.origin_m.z()) + "\n";
   text += "element vertex " + std::to_string(mesh.vertex_count()) + "\n";
   text += "property float x\nproperty float y\nproperty float z\n";
   if (!mesh.colors.empty()) text += "property uchar red\nproperty uchar green\nproperty uchar blue\n";

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <charconv>
 #include <cstring>
 #include <numbers>
 #include <utility>
@@ -13,6 +12,7 @@
 #include "core/xml.h"
 #include "core/crc32c.h"
 #include "io/e57/paged_file.h"
+#include "io/number_text.h"
 #include "io/output_file.h"
 #include "io/page_codec.h"
 #include "io/scene_writer.h"
@@ -100,11 +100,6 @@ class BitPacker {
   std::string bytes_;
 };
 
-std::string number(double value) {
-  char digits[32];
-  return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
-}
-
 class Xml {
  public:
   void open(const std::string& name, const std::string& attributes) { text += "<" + name + " " + attributes + ">"; }
@@ -117,7 +112,7 @@ class Xml {
     text += "<" + name + " type=\"Integer\">" + std::to_string(value) + "</" + name + ">\n";
   }
   void real(const std::string& name, double value) {
-    text += "<" + name + " type=\"Float\">" + number(value) + "</" + name + ">\n";
+    text += "<" + name + " type=\"Float\">" + number_text(value) + "</" + name + ">\n";
   }
   void pose(const Eigen::Isometry3d& T) {
     const Eigen::Quaterniond q(T.linear());
