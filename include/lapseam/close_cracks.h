@@ -16,6 +16,7 @@ namespace lapseam {
 class Context;
 
 struct CloseCracksReport {
+  std::uint64_t edge_on_slivers_removed = 0;    ///< at borders, along the rays of the view they come from
   std::uint64_t covered_triangles_removed = 0;  ///< at borders, over another layer of the same surface
   std::uint64_t crack_loops = 0;                ///< short loops of open edges along most of which the surface goes on
   std::uint64_t loops_closed = 0;
@@ -26,14 +27,14 @@ struct CloseCracksReport {
   std::uint64_t collapses = 0;           ///< short edges at the seam that were taken out for a better shape
 };
 
-/// The mesh's provenance counts the patches. A border triangle goes when the middle of another one that faces alike and
-/// shares no vertex with it lies over it within the noise of both: the surer stays. A loop of up to 64 open edges is
-/// closed when some view measured a surface beyond most of its length: by the flattest, then smallest triangulation
-/// that meets nothing (exact), that a view about as sure as its corners confirms and no clearly surer one looked
-/// through. Where there is none, up to four rings of triangles around the hole are replaced, unless measured surface
-/// would be lost; and where that does not help, corners are filled. No vertex is made or moved; the mesh stays
-/// edge-manifold and oriented, and no new triangle meets another. Same result for any number of threads. Throws
-/// Cancelled.
+/// The mesh's provenance counts the patches. Slivers at the border along the rays of their view go. A border triangle
+/// goes when the middle of another one that faces alike and shares no vertex with it lies over it within the noise of
+/// both: the surer stays. A loop of up to 64 open edges is closed when some view measured a surface beyond most of its
+/// length: by the flattest, then smallest triangulation that meets nothing (exact), that a view about as sure as its
+/// corners confirms and no clearly surer one looked through. Where there is none, up to four rings of triangles around
+/// the hole are replaced, unless measured surface would be lost; and where that does not help, corners are filled. No
+/// vertex is made or moved; the mesh stays edge-manifold and oriented, and no new triangle meets another. Same result
+/// for any number of threads. Throws Cancelled.
 CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const OverlapOptions& options,
                                Context& context);
 

@@ -181,6 +181,53 @@ TEST(CloseCracks, TwoSidesOfASheetBothStay) {
   EXPECT_EQ(joined.mesh.triangle_count(), triangles);
 }
 
+/// Adds a needle to the mesh's rim, half a metre long: on along the surface, or along the sensor's ray.
+void add_needle(Mesh& mesh, const Eigen::Vector3f& sensor, bool along_ray) {
+  std::vector<std::array<std::uint32_t, 2>> edges;
+  for (const Triangle& t : mesh.triangles)
+    for (std::size_t k = 0; k < 3; ++k) edges.push_back({t[k], t[(k + 1) % 3]});
+  std::sort(edges.begin(), edges.end());
+  const auto middle = [&](const auto& e) { return 0.5f * (mesh.positions_m[e[0]] + mesh.positions_m[e[1]]); };
+  std::array<std::uint32_t, 2> rim = edges.front();
+  for (const auto& e : edges)
+    if (!std::binary_search(edges.begin(), edges.end(), std::array{e[1], e[0]}) && middle(e).x() < middle(rim).x())
+      rim = e;
+  const Eigen::Vector3f way = along_ray ? (middle(rim) - sensor).normalized() : Eigen::Vector3f(-1, 0, 0);
+  mesh.triangles.push_back({rim[1], rim[0], std::uint32_t(mesh.vertex_count())});
+  mesh.triangle_view.push_back(0);
+  mesh.triangle_tag.push_back(TriangleTag::kMeasured);
+  mesh.positions_m.push_back(middle(rim) + 0.5f * way);
+  mesh.vertex_view.push_back(0);
+  mesh.vertex_pixel.push_back(mesh.vertex_pixel[rim[0]]);
+}
+
+TEST(CloseCracks, NeedlesAlongTheRaysGo) {
+  Context context(2);
+  const View view = view_of(test::plane({0, 0, 0}, {0, 0, 1}), 0);
+  const test::Joined joined = test::join({view}, kNoise, context);
+  Mesh untouched = joined.mesh;
+  close_cracks(untouched, joined.patches, {}, context);
+  for (const bool along_ray : {false, true}) {
+    Mesh mesh = joined.mesh;
+    add_needle(mesh, view.T_world_view.translation().cast<float>(), along_ray);
+    const CloseCracksReport report = close_cracks(mesh, joined.patches, {}, context);
+    EXPECT_EQ(report.edge_on_slivers_removed, along_ray ? 1u : 0u);
+    EXPECT_EQ(mesh.triangle_count(), untouched.triangle_count() + (along_ray ? 0 : 1));
+    expect_valid_mesh(mesh);
+  }
+}
+
+TEST(CloseCracks, AFloorThatIsHardlySeenStays) {
+  Context context(2);
+  const test::Shape floor = test::plane({0, 0, 0}, {0, 0, 1});
+  // 8° above it: 82° from its normal.
+  const View view = test::make_view("v", test::small_camera(), test::look_at({-2, 0.02, 0.28}, {0, 0.02, 0}), floor);
+  test::Joined joined = test::join({view}, kNoise, context);
+  const double before = area_of(joined.mesh);
+  close_cracks(joined.mesh, joined.patches, {}, context);
+  EXPECT_GT(area_of(joined.mesh), 0.97 * before);
+}
+
 TEST(CloseCracks, SameForAnyThreads) {
   Context first_context(1);
   test::Joined joined = plane_from_two_views(first_context);

@@ -1,0 +1,81 @@
+#include "mend/edge_on.h"
+
+#include <Eigen/Geometry>
+#include <array>
+#include <vector>
+
+#include "core/parallel.h"
+
+namespace lapseam {
+namespace {
+
+constexpr float kEdgeOnCosine = 0.15f;  // 81°, as for witnesses
+constexpr double kNeedleSine = 0.342;   // 20°: sticks out, with two open edges
+constexpr double kSliverSine = 0.0523;  // 3°: along the border
+constexpr std::size_t kBlock = 4096;
+
+class Slivers {
+ public:
+  Slivers(LiveMesh& mesh, const Witnesses& witnesses) : mesh_(mesh), witnesses_(witnesses) {}
+
+  std::uint64_t run(Context& context) {
+    std::vector<std::uint8_t> is_doomed(mesh_.triangle_count(), 0);
+    parallel_for(context, is_doomed.size(), kBlock,
+                 [&](std::size_t t) { is_doomed[t] = mesh_.is_alive(std::uint32_t(t)) && is_one(std::uint32_t(t)); });
+    std::vector<std::uint32_t> doomed;
+    for (std::uint32_t t = 0; t < is_doomed.size(); ++t)
+      if (is_doomed[t]) doomed.push_back(t);
+    std::uint64_t removed = 0;
+    while (!doomed.empty()) {
+      const std::uint32_t t = doomed.back();
+      doomed.pop_back();
+      if (!mesh_.is_alive(t)) continue;
+      const Triangle corners = mesh_.triangle(t);
+      mesh_.remove(t);
+      ++removed;
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::uint32_t beside = mesh_.find(corners[(k + 1) % 3], corners[k]);
+        if (beside != kInvalidIndex && is_one(beside)) doomed.push_back(beside);
+      }
+    }
+    return removed;
+  }
+
+ private:
+  bool is_one(std::uint32_t t) const { return is_sliver_at_border(t) && is_edge_on(t); }
+
+  bool is_sliver_at_border(std::uint32_t t) const {
+    const Triangle& c = mesh_.triangle(t);
+    std::size_t open = 0, closed = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (mesh_.is_open(c[k], c[(k + 1) % 3]))
+        ++open;
+      else
+        closed = k;
+    }
+    if (open == 0) return false;
+    if (smallest_sine(mesh_.position(c[0]), mesh_.position(c[1]), mesh_.position(c[2])) < kSliverSine) return true;
+    if (open < 2) return false;
+    const Eigen::Vector3f tip = mesh_.position(c[(closed + 2) % 3]);
+    const Eigen::Vector3f a = mesh_.position(c[closed]) - tip, b = mesh_.position(c[(closed + 1) % 3]) - tip;
+    return a.dot(b) > 0 && double(a.cross(b).norm()) < kNeedleSine * double(a.norm()) * double(b.norm());
+  }
+
+  bool is_edge_on(std::uint32_t t) const {
+    const Triangle& c = mesh_.triangle(t);
+    const Eigen::Vector3f middle = (mesh_.position(c[0]) + mesh_.position(c[1]) + mesh_.position(c[2])) / 3;
+    const Eigen::Vector3f normal = mesh_.area_normal(t).stableNormalized().cast<float>();
+    return std::abs(normal.dot(witnesses_.ray_to(mesh_.view(t), middle))) < kEdgeOnCosine;
+  }
+
+  LiveMesh& mesh_;
+  const Witnesses& witnesses_;
+};
+
+}  // namespace
+
+std::uint64_t remove_edge_on_slivers(LiveMesh& mesh, const Witnesses& witnesses, Context& context) {
+  return Slivers(mesh, witnesses).run(context);
+}
+
+}  // namespace lapseam
