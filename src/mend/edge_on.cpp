@@ -9,7 +9,6 @@
 namespace lapseam {
 namespace {
 
-constexpr float kEdgeOnCosine = 0.15f;  // 81°, as for witnesses
 constexpr double kNeedleSine = 0.342;   // 20°: sticks out, with two open edges
 constexpr double kSliverSine = 0.0523;  // 3°: along the border
 constexpr std::size_t kBlock = 4096;
@@ -65,7 +64,7 @@ class Slivers {
     const Triangle& c = mesh_.triangle(t);
     const Eigen::Vector3f middle = (mesh_.position(c[0]) + mesh_.position(c[1]) + mesh_.position(c[2])) / 3;
     const Eigen::Vector3f normal = mesh_.area_normal(t).stableNormalized().cast<float>();
-    return std::abs(normal.dot(witnesses_.ray_to(mesh_.view(t), middle))) < kEdgeOnCosine;
+    return witnesses_.is_edge_on(mesh_.view(t), middle, normal);
   }
 
   LiveMesh& mesh_;

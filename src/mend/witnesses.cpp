@@ -71,6 +71,10 @@ void Witnesses::hear(const ViewCanvas& canvas, const Eigen::Vector3f& point, con
   hearing.empty_sigma_m = std::min(hearing.empty_sigma_m, sigma);
 }
 
+bool Witnesses::is_edge_on(std::uint32_t view, const Eigen::Vector3f& point, const Eigen::Vector3f& normal) const {
+  return std::abs(normal.dot(canvases_[view].ray_to(point).normalized())) < kLowestCosine;
+}
+
 float Witnesses::sigma_of(std::uint32_t view, std::uint32_t pixel) const {
   return float(patches_[view].noise.sigma(double(patches_[view].view.range.pixels[pixel])));
 }

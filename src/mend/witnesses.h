@@ -35,10 +35,8 @@ class Witnesses {
   /// normal: unit, of the surface that is asked about. error_m: how far it may be off along it.
   Hearing ask(std::span<const std::uint32_t> views, const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
               float error_m) const;
-  /// Direction of the ray of a view to a point, of unit length.
-  Eigen::Vector3f ray_to(std::uint32_t view, const Eigen::Vector3f& point) const {
-    return canvases_[view].ray_to(point).normalized();
-  }
+  /// Whether a view looks along a surface, so that its ranges say little of it. normal: unit, to either side.
+  bool is_edge_on(std::uint32_t view, const Eigen::Vector3f& point, const Eigen::Vector3f& normal) const;
   /// Noise of the sample that a vertex was made from, along its ray.
   float sigma_of(std::uint32_t view, std::uint32_t pixel) const;
 

@@ -45,7 +45,7 @@ class LiveMesh {
   TriangleTag tag(std::uint32_t t) const {
     return t < first_drafted_ ? mesh_.triangle_tag[t] : drafted_[t - first_drafted_].tag;
   }
-  /// The view that a triangle comes from; of drafts, of triangles that they have not made.
+  /// The view that a triangle comes from. Not of one that a draft has added.
   std::uint32_t view(std::uint32_t t) const { return mesh_.triangle_view[t]; }
   void set_tag(std::uint32_t t, TriangleTag tag) { mesh_.triangle_tag[t] = tag; }
   /// Of a draft: triangles of the mesh that are gone, in rising order.
