@@ -108,7 +108,6 @@ class Integration {
       report.noise = sensor.noise;
       report.is_noise_given = sensor.is_given;
       report.measured = sensor.measured;
-      report_thresholds(sensor.members, report);
     }
   }
 
@@ -138,6 +137,7 @@ class Integration {
       report.smoothing_sigma_factor = smoothed.remaining_sigma_factor;
       stage.advance();
     });
+    report_thresholds();
   }
 
   // Of smoothed views: what poses are off by by less than the noise of a sample would hide in it.
@@ -153,19 +153,30 @@ class Integration {
     result_.report.registration_error_m = overlap_.registration_error_m;
   }
 
-  void report_thresholds(const std::vector<std::size_t>& members, SensorReport& sensor) const {
-    const View& view = views_[members.front()];
-    std::vector<float> ranges;
-    for (const float r : view.range.pixels)
-      if (r > 0) ranges.push_back(r);
-    std::sort(ranges.begin(), ranges.end());
-    const StepThreshold threshold = make_step_threshold(view.sensor, sensor.noise);
-    const std::size_t at[3] = {0, ranges.size() / 2, ranges.size() - 1};
-    for (std::size_t k = 0; k < 3; ++k) {
-      sensor.range_m[k] = double(ranges[at[k]]);
-      sensor.sigma_m[k] = sensor.noise.sigma(sensor.range_m[k]);
-      sensor.spacing_m[k] = threshold.spacing(sensor.range_m[k]);
-      sensor.step_m[k] = threshold.isolated(sensor.range_m[k]);
+  // Steps are told in smoothed range images.
+  StepThreshold step_threshold_of(std::size_t i) const {
+    const NoiseModel left = noise_at_steps(noise_[i], result_.report.views[i].smoothing_sigma_factor);
+    return make_step_threshold(views_[i].sensor, left);
+  }
+
+  // At the nearest, middle and farthest sample of each sensor's first view.
+  void report_thresholds() {
+    for (auto& [id, sensor] : result_.report.sensors) {
+      const auto first = std::find_if(views_.begin(), views_.end(), [&](const View& v) { return v.sensor_id == id; });
+      if (first == views_.end()) continue;
+      std::vector<float> ranges;
+      for (const float r : first->range.pixels)
+        if (r > 0) ranges.push_back(r);
+      if (ranges.empty()) continue;
+      std::sort(ranges.begin(), ranges.end());
+      const StepThreshold threshold = step_threshold_of(std::size_t(first - views_.begin()));
+      const std::size_t at[3] = {0, ranges.size() / 2, ranges.size() - 1};
+      for (std::size_t k = 0; k < 3; ++k) {
+        sensor.range_m[k] = double(ranges[at[k]]);
+        sensor.sigma_m[k] = sensor.noise.sigma(sensor.range_m[k]);
+        sensor.spacing_m[k] = threshold.spacing(sensor.range_m[k]);
+        sensor.step_m[k] = threshold.isolated(sensor.range_m[k]);
+      }
     }
   }
 
@@ -190,11 +201,11 @@ class Integration {
     StageScope stage(context_, "triangulate", views_.size());
     patches_.resize(views_.size());
     parallel_for(context_, views_.size(), 1, [&](std::size_t i) {
+      const StepThreshold threshold = step_threshold_of(i);
       Patch& patch = patches_[i];
       patch.view = std::move(views_[i]);
       patch.noise = noise_[i];
       patch.rays = rays_[i];
-      const StepThreshold threshold = make_step_threshold(patch.view.sensor, patch.noise);
       patch.grid = triangulate(patch.view, *patch.rays, threshold, context_);
       measure_confidence(patch, threshold, context_);
       for_each_plane(patch, [&](auto& pixels) { spill(pixels, context_); });

@@ -28,4 +28,8 @@ struct SmoothResult {
 /// 40 operations per sample and pass, a tenth of a second for 640×480 samples.
 SmoothResult smooth(const View& view, const NoiseModel& noise, const SmoothOptions& options, Context& context);
 
+/// What steps between smoothed samples are told from: `remaining_sigma_factor` of the noise, or a fifth, since beside
+/// steps smoothing leaves more than elsewhere.
+NoiseModel noise_at_steps(const NoiseModel& noise, double remaining_sigma_factor);
+
 }  // namespace lapseam

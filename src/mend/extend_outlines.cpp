@@ -16,7 +16,7 @@ namespace {
 constexpr float kFootprint_px = 0.5f;
 constexpr float kLowestCosine = 0.3f;  // where a surface turns away from the view, half a spacing is far on it
 constexpr int kLook_px = 3;            // mixed samples at a step are left out: what is beyond may begin later
-constexpr float kStepFactor = 3;       // tolerances off, to be something else
+constexpr float kStepFactor = 0.5f;    // tolerances off, to be something else: ranges are smooth
 
 // Of each vertex at open edges, the way out: the sum over its open edges, as long as these. Not of slits.
 std::vector<Eigen::Vector3f> find_ways_out(const Mesh& mesh, std::uint32_t shortest_outline, Context& context) {

@@ -39,6 +39,10 @@ constexpr float kMovedVariance = 0.5f;
 // Smoothed neighbours share measurements with each other.
 constexpr float kSharing = 3.0f;
 
+// The least share of sigma that is left beside steps, where pairs are few: of what is told in smoothed images, nothing
+// needs to be known more finely.
+constexpr double kLeftAtSteps = 0.2;
+
 // Pairs whose rays are not symmetric about the centre ray (staggered grids) would shear slopes; in samples.
 constexpr float kLargestAsymmetry_px = 0.05f;
 
@@ -395,6 +399,10 @@ SmoothResult smooth(const View& view, const NoiseModel& noise, const SmoothOptio
   // The measured slopes are too noisy to tell what noise they have; those of the smoothed image are not.
   if (noise.pointing_rad > 0) result = run(view, noise, &result.range, options, context);
   return result;
+}
+
+NoiseModel noise_at_steps(const NoiseModel& noise, double remaining_sigma_factor) {
+  return noise.scaled(std::max(kLeftAtSteps, remaining_sigma_factor));
 }
 
 }  // namespace lapseam
