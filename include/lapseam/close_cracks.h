@@ -16,7 +16,7 @@ namespace lapseam {
 class Context;
 
 struct CloseCracksReport {
-  std::uint64_t edge_on_slivers_removed = 0;    ///< at borders, along the rays of the view they come from
+  std::uint64_t outline_slivers_removed = 0;    ///< at borders, along the rays of their view, or needles of seams
   std::uint64_t covered_triangles_removed = 0;  ///< at borders, over another layer of the same surface
   std::uint64_t crack_loops = 0;                ///< short loops of open edges along most of which the surface goes on
   std::uint64_t loops_closed = 0;

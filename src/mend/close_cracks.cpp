@@ -6,7 +6,7 @@
 #include "core/parallel.h"
 #include "lapseam/sensor.h"
 #include "mend/crack_loops.h"
-#include "mend/edge_on.h"
+#include "mend/outline_slivers.h"
 #include "mend/trim.h"
 #include "patch/by_view.h"
 #include "sew_meshes/merged.h"
@@ -60,7 +60,7 @@ CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const
   const Layers layers(live, check, {error_m, samples.spacing_m}, options);
   CrackLoops cracks(live, check, layers, witnesses, patches, {error_m, samples.sigma_m}, report, context);
 
-  report.edge_on_slivers_removed = remove_edge_on_slivers(live, witnesses, context);
+  report.outline_slivers_removed = remove_outline_slivers(live, witnesses, context);
   report.covered_triangles_removed = trim_double_layers(live, layers, context);
   cracks.close(kLongestLoop, kRule);
   cracks.close(kLongestSlit, kSlitRule);
@@ -72,13 +72,13 @@ CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const
   const SeamShape::Changes changes = SeamShape(live, check, kMostBentCosine, context).improve(0);
   report.flips = changes.flips;
   report.collapses = changes.collapses;
-  report.edge_on_slivers_removed += remove_edge_on_slivers(live, witnesses, context);
+  report.outline_slivers_removed += remove_outline_slivers(live, witnesses, context);
   mesh = compact(mesh, live.alive());
   return report;
 }
 
 std::string to_json(const CloseCracksReport& report) {
-  const nlohmann::ordered_json json = {{"edge_on_slivers_removed", report.edge_on_slivers_removed},
+  const nlohmann::ordered_json json = {{"outline_slivers_removed", report.outline_slivers_removed},
                                        {"covered_triangles_removed", report.covered_triangles_removed},
                                        {"crack_loops", report.crack_loops},
                                        {"loops_closed", report.loops_closed},

@@ -89,6 +89,30 @@ TEST(Integrate, VerticesThatNoiseAloneAsksForAreLeftOut) {
   for (const Eigen::Vector3f& p : some.mesh.positions_m) ASSERT_NEAR(p.norm(), kRadius_m, 0.004);
 }
 
+TEST(Integrate, AStepThatNoiseHidesInSingleSamplesIsNotSpanned) {
+  // A plate nine centimetres before a wall, measured to two: neighbours across its edge differ by 3.2 standard
+  // deviations.
+  constexpr double kWall_m = 2, kStep_m = 0.105, kSigma_m = 0.02, kHalf_m = 0.06;
+  Context context(2);
+  Scene scene;
+  scene.views.push_back(test::as_source(
+      test::make_view("plate", test::small_camera(120, 1000), Eigen::Isometry3d::Identity(),
+                      test::nearest({test::rectangle(kWall_m - kStep_m, -kHalf_m, kHalf_m, -kHalf_m, kHalf_m),
+                                     test::plane({0, 0, kWall_m}, {0, 0, 1})}),
+                      kSigma_m, 1)));
+  const IntegrateResult result = integrate(scene, {}, context);
+  expect_valid_mesh(result.mesh);
+  double flat_m2 = 0, spanned_m2 = 0;
+  for (const Triangle& t : result.mesh.triangles) {
+    const auto& p = result.mesh.positions_m;
+    const auto [low, high] = std::minmax({p[t[0]].z(), p[t[1]].z(), p[t[2]].z()});
+    const double area = 0.5 * double((p[t[1]] - p[t[0]]).cross(p[t[2]] - p[t[0]]).norm());
+    (double(high - low) < 0.5 * kStep_m ? flat_m2 : spanned_m2) += area;
+  }
+  EXPECT_LT(spanned_m2, 0.1 * (8 * kHalf_m * kStep_m));
+  EXPECT_GT(flat_m2, 0.9 * 0.24 * 0.24);
+}
+
 TEST(Integrate, NormalsPointOutwards) {
   Context context(2);
   const Mesh mesh = integrate(ball_scene(0.0), {}, context).mesh;

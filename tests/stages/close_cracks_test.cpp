@@ -182,7 +182,7 @@ TEST(CloseCracks, TwoSidesOfASheetBothStay) {
 }
 
 /// Adds a needle to the mesh's rim, half a metre long: on along the surface, or along the sensor's ray.
-void add_needle(Mesh& mesh, const Eigen::Vector3f& sensor, bool along_ray) {
+void add_needle(Mesh& mesh, const Eigen::Vector3f& sensor, bool along_ray, TriangleTag tag) {
   std::vector<std::array<std::uint32_t, 2>> edges;
   for (const Triangle& t : mesh.triangles)
     for (std::size_t k = 0; k < 3; ++k) edges.push_back({t[k], t[(k + 1) % 3]});
@@ -195,26 +195,28 @@ void add_needle(Mesh& mesh, const Eigen::Vector3f& sensor, bool along_ray) {
   const Eigen::Vector3f way = along_ray ? (middle(rim) - sensor).normalized() : Eigen::Vector3f(-1, 0, 0);
   mesh.triangles.push_back({rim[1], rim[0], std::uint32_t(mesh.vertex_count())});
   mesh.triangle_view.push_back(0);
-  mesh.triangle_tag.push_back(TriangleTag::kMeasured);
+  mesh.triangle_tag.push_back(tag);
   mesh.positions_m.push_back(middle(rim) + 0.5f * way);
   mesh.vertex_view.push_back(0);
   mesh.vertex_pixel.push_back(mesh.vertex_pixel[rim[0]]);
 }
 
-TEST(CloseCracks, NeedlesAlongTheRaysGo) {
+TEST(CloseCracks, NeedlesAlongTheRaysAndOfSeamsGo) {
   Context context(2);
   const View view = view_of(test::plane({0, 0, 0}, {0, 0, 1}), 0);
   const test::Joined joined = test::join({view}, kNoise, context);
   Mesh untouched = joined.mesh;
   close_cracks(untouched, joined.patches, {}, context);
-  for (const bool along_ray : {false, true}) {
-    Mesh mesh = joined.mesh;
-    add_needle(mesh, view.T_world_view.translation().cast<float>(), along_ray);
-    const CloseCracksReport report = close_cracks(mesh, joined.patches, {}, context);
-    EXPECT_EQ(report.edge_on_slivers_removed, along_ray ? 1u : 0u);
-    EXPECT_EQ(mesh.triangle_count(), untouched.triangle_count() + (along_ray ? 0 : 1));
-    expect_valid_mesh(mesh);
-  }
+  for (const TriangleTag tag : {TriangleTag::kMeasured, TriangleTag::kSeam})
+    for (const bool along_ray : {false, true}) {
+      Mesh mesh = joined.mesh;
+      add_needle(mesh, view.T_world_view.translation().cast<float>(), along_ray, tag);
+      const CloseCracksReport report = close_cracks(mesh, joined.patches, {}, context);
+      const bool goes = along_ray || tag == TriangleTag::kSeam;
+      EXPECT_EQ(report.outline_slivers_removed, goes ? 1u : 0u);
+      EXPECT_EQ(mesh.triangle_count(), untouched.triangle_count() + (goes ? 0 : 1));
+      expect_valid_mesh(mesh);
+    }
 }
 
 TEST(CloseCracks, AFloorThatIsHardlySeenStays) {

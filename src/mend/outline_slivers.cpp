@@ -1,4 +1,4 @@
-#include "mend/edge_on.h"
+#include "mend/outline_slivers.h"
 
 #include <Eigen/Geometry>
 #include <array>
@@ -41,9 +41,8 @@ class Slivers {
   }
 
  private:
-  bool is_one(std::uint32_t t) const { return is_sliver_at_border(t) && is_edge_on(t); }
-
-  bool is_sliver_at_border(std::uint32_t t) const {
+  // A needle of a seam goes however it is seen: nobody measured it, and it closes nothing.
+  bool is_one(std::uint32_t t) const {
     const Triangle& c = mesh_.triangle(t);
     std::size_t open = 0, closed = 0;
     for (std::size_t k = 0; k < 3; ++k) {
@@ -53,10 +52,14 @@ class Slivers {
         closed = k;
     }
     if (open == 0) return false;
-    if (smallest_sine(mesh_.position(c[0]), mesh_.position(c[1]), mesh_.position(c[2])) < kSliverSine) return true;
-    if (open < 2) return false;
-    const Eigen::Vector3f tip = mesh_.position(c[(closed + 2) % 3]);
-    const Eigen::Vector3f a = mesh_.position(c[closed]) - tip, b = mesh_.position(c[(closed + 1) % 3]) - tip;
+    const bool is_needle = open > 1 && is_sharp(c[(closed + 2) % 3], c[closed], c[(closed + 1) % 3]);
+    if (is_needle && mesh_.tag(t) == TriangleTag::kSeam) return true;
+    const double sine = smallest_sine(mesh_.position(c[0]), mesh_.position(c[1]), mesh_.position(c[2]));
+    return (is_needle || sine < kSliverSine) && is_edge_on(t);
+  }
+
+  bool is_sharp(std::uint32_t tip, std::uint32_t v, std::uint32_t w) const {
+    const Eigen::Vector3f a = mesh_.position(v) - mesh_.position(tip), b = mesh_.position(w) - mesh_.position(tip);
     return a.dot(b) > 0 && double(a.cross(b).norm()) < kNeedleSine * double(a.norm()) * double(b.norm());
   }
 
@@ -73,7 +76,7 @@ class Slivers {
 
 }  // namespace
 
-std::uint64_t remove_edge_on_slivers(LiveMesh& mesh, const Witnesses& witnesses, Context& context) {
+std::uint64_t remove_outline_slivers(LiveMesh& mesh, const Witnesses& witnesses, Context& context) {
   return Slivers(mesh, witnesses).run(context);
 }
 
