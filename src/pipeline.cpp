@@ -159,15 +159,13 @@ class Integration {
     return make_step_threshold(views_[i].sensor, left);
   }
 
-  // At the nearest, middle and farthest sample of each sensor's first view.
+  // At the nearest, middle and farthest sample of each sensor's first view; loading has seen to it that there are some.
   void report_thresholds() {
     for (auto& [id, sensor] : result_.report.sensors) {
       const auto first = std::find_if(views_.begin(), views_.end(), [&](const View& v) { return v.sensor_id == id; });
-      if (first == views_.end()) continue;
       std::vector<float> ranges;
       for (const float r : first->range.pixels)
         if (r > 0) ranges.push_back(r);
-      if (ranges.empty()) continue;
       std::sort(ranges.begin(), ranges.end());
       const StepThreshold threshold = step_threshold_of(std::size_t(first - views_.begin()));
       const std::size_t at[3] = {0, ranges.size() / 2, ranges.size() - 1};

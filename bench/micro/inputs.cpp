@@ -10,7 +10,6 @@
 #include "lapseam/sew.h"
 #include "lapseam/simulate.h"
 #include "lapseam/smooth.h"
-#include "lapseam/triangulate.h"
 
 namespace lapseam::bench {
 namespace {
@@ -67,6 +66,16 @@ const std::vector<View>& views() { return simulated().views; }
 
 NoiseModel noise() { return make_rgbd_rig().effects.noise; }
 
+const StepThreshold& step_threshold() {
+  static const StepThreshold made = [] {
+    Context context;
+    const View& view = views().front();
+    const double left = smooth(view, noise(), {}, context).remaining_sigma_factor;
+    return make_step_threshold(view.sensor, noise_at_steps(noise(), left));
+  }();
+  return made;
+}
+
 const std::vector<Patch>& patches() {
   static const std::vector<Patch> made = [] {
     Context context;
@@ -78,9 +87,8 @@ const std::vector<Patch>& patches() {
       patch.noise = noise();
       patch.rays = rays;
       patch.view.range = smooth(patch.view, patch.noise, {}, context).range;
-      const StepThreshold threshold = make_step_threshold(patch.view.sensor, patch.noise);
-      patch.grid = triangulate(patch.view, *rays, threshold, context);
-      measure_confidence(patch, threshold, context);
+      patch.grid = triangulate(patch.view, *rays, step_threshold(), context);
+      measure_confidence(patch, step_threshold(), context);
     }
     return out;
   }();

@@ -9,6 +9,7 @@
 #include "lapseam/mesh.h"
 #include "lapseam/overlap.h"
 #include "lapseam/patch.h"
+#include "lapseam/triangulate.h"
 #include "lapseam/view.h"
 
 namespace lapseam::bench {
@@ -18,6 +19,8 @@ inline constexpr int kViews = 8;
 /// As measured, 640 × 480.
 const std::vector<View>& views();
 NoiseModel noise();
+/// By which neighbours in the smoothed views are told apart, as the pipeline does it.
+const StepThreshold& step_threshold();
 /// The views smoothed, triangulated, with confidence.
 const std::vector<Patch>& patches();
 /// What the views claim of each other.

@@ -18,7 +18,6 @@
 #include "lapseam/sensor.h"
 #include "lapseam/sew.h"
 #include "lapseam/smooth.h"
-#include "lapseam/triangulate.h"
 
 namespace lapseam::bench {
 namespace {
@@ -102,16 +101,14 @@ void Smooth(State& state) {
 void Triangulate(State& state) {
   Context context(int(state.range(0)));
   const Patch& patch = patches().front();
-  const StepThreshold threshold = make_step_threshold(patch.view.sensor, patch.noise);
-  for (auto _ : state) benchmark::DoNotOptimize(triangulate(patch.view, *patch.rays, threshold, context));
+  for (auto _ : state) benchmark::DoNotOptimize(triangulate(patch.view, *patch.rays, step_threshold(), context));
   state.SetItemsProcessed(times(state, sample_count(patch.view)));
 }
 
 void MeasureConfidence(State& state) {
   Context context(int(state.range(0)));
   Patch patch = patches().front();
-  const StepThreshold threshold = make_step_threshold(patch.view.sensor, patch.noise);
-  for (auto _ : state) measure_confidence(patch, threshold, context);
+  for (auto _ : state) measure_confidence(patch, step_threshold(), context);
   state.SetItemsProcessed(times(state, sample_count(patch.view)));
 }
 

@@ -90,8 +90,8 @@ TEST(Integrate, VerticesThatNoiseAloneAsksForAreLeftOut) {
 }
 
 TEST(Integrate, AStepThatNoiseHidesInSingleSamplesIsNotSpanned) {
-  // A plate nine centimetres before a wall, measured to two: neighbours across its edge differ by 3.2 standard
-  // deviations.
+  // A plate five standard deviations before a wall. Of the ramps all around it, with all of the noise two thirds are
+  // there, with what smoothing leaves a twentieth.
   constexpr double kWall_m = 2, kStep_m = 0.105, kSigma_m = 0.02, kHalf_m = 0.06;
   Context context(2);
   Scene scene;
