@@ -161,8 +161,10 @@ class Integration {
 
   // At the nearest, middle and farthest sample of each sensor's first view; loading has seen to it that there are some.
   void report_thresholds() {
-    for (auto& [id, sensor] : result_.report.sensors) {
-      const auto first = std::find_if(views_.begin(), views_.end(), [&](const View& v) { return v.sensor_id == id; });
+    for (auto& entry : result_.report.sensors) {
+      SensorReport& sensor = entry.second;
+      const auto first =
+          std::find_if(views_.begin(), views_.end(), [&](const View& v) { return v.sensor_id == entry.first; });
       std::vector<float> ranges;
       for (const float r : first->range.pixels)
         if (r > 0) ranges.push_back(r);
