@@ -7,12 +7,26 @@
 #include "core/spill_file.h"
 #include "lapseam/error.h"
 #include "lapseam/io.h"
+#include "noise/noise_symmetry.h"
 
 namespace lapseam {
 namespace {
 
 // Views of one sensor that its noise is estimated from, spread over the scene.
 constexpr std::size_t kNoiseViews = 8;
+
+// By all views of the sensor: those that its noise is estimated from may have too few samples.
+void judge_symmetry(const std::vector<View>& views, const std::vector<std::size_t>& members,
+                    std::vector<NoiseModel>& of_view, Context& context) {
+  std::vector<const View*> of_sensor;
+  std::vector<const NoiseModel*> noise;
+  for (const std::size_t i : members) {
+    of_sensor.push_back(&views[i]);
+    noise.push_back(&of_view[i]);
+  }
+  const bool is_symmetric = is_symmetric_in_range(of_sensor, noise, context);
+  for (const std::size_t i : members) of_view[i].is_symmetric_in_range = is_symmetric;
+}
 
 }  // namespace
 
@@ -64,6 +78,8 @@ ViewNoise estimate_view_noise(const Scene& scene, const LoadedViews& loaded, Con
     sensor.measured = measure_noise(sample, context);
     sensor.noise = sensor.is_given ? *given_by(*given) : sensor.measured.model;
     for (const std::size_t i : members) out.of_view[i] = given_by(i).value_or(sensor.noise);
+    judge_symmetry(loaded.views, members, out.of_view, context);
+    sensor.noise.is_symmetric_in_range = out.of_view[members.front()].is_symmetric_in_range;
   }
   return out;
 }

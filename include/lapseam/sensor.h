@@ -124,6 +124,8 @@ int height(const Sensor& sensor);
 /// "pinhole", "spherical", "orthographic", "measured_grid".
 std::string_view kind_name(const Sensor& sensor);
 bool wraps(const Sensor& sensor);
+/// All rays pass through one point; then a plane makes the inverse range affine in pixel coordinates.
+bool is_central(const Sensor& sensor);
 Eigen::Vector3d unproject(const Sensor& sensor, double u, double v, double r);
 std::optional<PixelRange> project(const Sensor& sensor, const Eigen::Vector3d& p);
 /// Unit vector of the measurement ray through (u, v), away from the sensor.

@@ -9,6 +9,7 @@
 #include "lapseam/noise_measurement.h"
 #include "noise/conditions.h"
 #include "noise/fit_noise.h"
+#include "noise/noise_symmetry.h"
 #include "noise/robust_sigma.h"
 #include "noise/roughness.h"
 
@@ -160,6 +161,8 @@ NoiseMeasurement measure_noise(std::span<const View* const> views, Context& cont
   const double step = step_between(samples.ranges, samples.ranges.front(), samples.ranges.back(), 0.1);
   noise.floor_m = std::max(step * kFromStep, middle * kFloatStep);
   noise.correlation = found.correlation;
+  const std::vector<const NoiseModel*> of_views(views.size(), &noise);
+  noise.is_symmetric_in_range = is_symmetric_in_range(views, of_views, context);
   return {noise, std::move(found.bins)};
 }
 

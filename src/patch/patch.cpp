@@ -28,16 +28,15 @@ std::shared_ptr<const RayTable> make_ray_table(const Sensor& sensor) {
   table->height = height(sensor);
   const std::size_t n = std::size_t(table->width) * std::size_t(table->height);
   table->directions.resize(n);
-  const bool is_central =
-      std::holds_alternative<PinholeSensor>(sensor) || std::holds_alternative<SphericalSensor>(sensor);
-  if (!is_central) table->origins.resize(n);
+  const bool has_one_origin = is_central(sensor);
+  if (!has_one_origin) table->origins.resize(n);
   std::visit(
       [&](const auto& s) {
         std::size_t i = 0;
         for (int v = 0; v < table->height; ++v)
           for (int u = 0; u < table->width; ++u, ++i) {
             const Eigen::Vector3d at_one = s.unproject(u, v, 1.0);
-            if (is_central) {
+            if (has_one_origin) {
               table->directions[i] = at_one.cast<float>();
             } else {
               const Eigen::Vector3d slope = s.unproject(u, v, 2.0) - at_one;

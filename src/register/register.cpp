@@ -12,7 +12,6 @@
 #include "core/parallel.h"
 #include "lapseam/error.h"
 #include "register/brightness.h"
-#include "register/noise_symmetry.h"
 #include "register/registrar.h"
 
 namespace lapseam {
@@ -52,7 +51,6 @@ RegisterResult Registrar::run() {
   result_.views.resize(n_);
   for (std::size_t i = 0; i < n_; ++i) result_.views[i].T_world_view = views_[i].T_world_view;
   if (n_ == 0) return std::move(result_);
-  judge_noise();
   make_pyramids();
   set_capture_range();
   link();
@@ -70,23 +68,6 @@ RegisterResult Registrar::run() {
   return std::move(result_);
 }
 
-void Registrar::judge_noise() {
-  is_symmetric_in_range_.assign(n_, false);
-  std::map<std::string, std::vector<std::size_t>> members;
-  for (std::size_t i = 0; i < n_; ++i)
-    if (is_central(i)) members[views_[i].sensor_id].push_back(i);
-  for (const auto& [id, of_sensor] : members) {
-    std::vector<const View*> views;
-    std::vector<const NoiseModel*> noise;
-    for (const std::size_t i : of_sensor) {
-      views.push_back(&views_[i]);
-      noise.push_back(&noise_[i]);
-    }
-    const bool is_symmetric = is_symmetric_in_range(views, noise, context_);
-    for (const std::size_t i : of_sensor) is_symmetric_in_range_[i] = is_symmetric;
-  }
-}
-
 void Registrar::make_pyramids() {
   StageScope stage(context_, "surfels", n_);
   pyramids_.resize(n_);
@@ -95,7 +76,7 @@ void Registrar::make_pyramids() {
     BrightnessAt& brightness = brightness_[i];
     if (!brightness && options_.use_color && pictures_)
       if (const auto picture = pictures_(i)) brightness = make_brightness(*picture);
-    pyramids_[i] = make_surfels(views_[i], noise_[i], is_symmetric_in_range_[i], kMostSurfels, brightness);
+    pyramids_[i] = make_surfels(views_[i], noise_[i], kMostSurfels, brightness);
     stage.advance();
   });
 }
@@ -136,10 +117,7 @@ void Registrar::refine_all() {
 
 bool Registrar::is_moving(std::size_t i) const { return result_.views[i].placement == ViewPlacement::kPlaced; }
 
-bool Registrar::is_central(std::size_t i) const {
-  return std::holds_alternative<PinholeSensor>(views_[i].sensor) ||
-         std::holds_alternative<SphericalSensor>(views_[i].sensor);
-}
+bool Registrar::is_central(std::size_t i) const { return lapseam::is_central(views_[i].sensor); }
 
 void Registrar::descend(int level) {
   const double finest = level > 0 ? kFinestScale * spacing_at(level) : 0;

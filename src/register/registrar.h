@@ -46,7 +46,6 @@ class Registrar {
   };
 
   static bool is_live(const Pair& pair) { return !pair.is_dropped && pair.sums.matches > 0; }
-  void judge_noise();
   void make_pyramids();
   void set_capture_range();
   const SurfelImage& image(std::size_t i, int level) const;
@@ -137,7 +136,6 @@ class Registrar {
   Context& context_;
   const std::size_t n_;
   RegisterResult result_;
-  std::vector<bool> is_symmetric_in_range_;
   std::vector<SurfelPyramid> pyramids_;
   std::vector<BrightnessAt> brightness_;  // empty: no picture
   int levels_ = 0;

@@ -36,11 +36,8 @@ struct Level {
 
 class Maker {
  public:
-  Maker(const View& view, const NoiseModel& noise, bool is_symmetric_in_range)
-      : view_(view),
-        is_central_(std::holds_alternative<PinholeSensor>(view.sensor) ||
-                    std::holds_alternative<SphericalSensor>(view.sensor)),
-        spacing_(spacing_line(view.sensor)) {
+  Maker(const View& view, const NoiseModel& noise)
+      : view_(view), is_central_(is_central(view.sensor)), spacing_(spacing_line(view.sensor)) {
     level_.value = RangeImage(view.range.width, view.range.height);
     level_.sigma = RangeImage(view.range.width, view.range.height);
     for (std::size_t i = 0; i < view.range.size(); ++i) {
@@ -48,7 +45,7 @@ class Maker {
       if (!(r > 0)) continue;
       const auto sigma = float(noise.sigma(double(r)));
       // The mean of 1 / r is over that of the surface by the noise's relative variance, if the noise is symmetric in r.
-      const float excess = is_symmetric_in_range ? sigma * sigma / (r * r) : 0;
+      const float excess = noise.is_symmetric_in_range ? sigma * sigma / (r * r) : 0;
       level_.value.pixels[i] = is_central_ ? std::max(0.0f, 1 - excess) / r : r;
       level_.sigma.pixels[i] = is_central_ ? sigma / (r * r) : sigma;
       ++valid_;
@@ -333,9 +330,9 @@ std::int64_t SurfelImage::index_at(double u_px, double v_px) const {
   return v * width + u;
 }
 
-SurfelPyramid make_surfels(const View& view, const NoiseModel& noise, bool is_symmetric_in_range,
-                           std::size_t most_surfels, const BrightnessAt& brightness) {
-  return Maker(view, noise, is_symmetric_in_range).run(most_surfels, brightness);
+SurfelPyramid make_surfels(const View& view, const NoiseModel& noise, std::size_t most_surfels,
+                           const BrightnessAt& brightness) {
+  return Maker(view, noise).run(most_surfels, brightness);
 }
 
 }  // namespace lapseam

@@ -53,9 +53,9 @@ using BrightnessAt = std::function<float(const Eigen::Vector3f& point_in_view, f
 
 /// Blocks are halved again and again: means in the quantity that planes make affine (inverse range for central
 /// sensors). A block over a step has no surfel, nor has one on a crease that neither 3 × 5 surfels nor three each way
-/// take for a smooth surface: shallow creases may pass. Deterministic; about 30 ns per sample. is_symmetric_in_range:
-/// whether the ranges' noise is, so that means of inverse ranges need a correction.
-SurfelPyramid make_surfels(const View& view, const NoiseModel& noise, bool is_symmetric_in_range,
-                           std::size_t most_surfels, const BrightnessAt& brightness);
+/// take for a smooth surface: shallow creases may pass. Where noise is symmetric in the range, means of inverse ranges
+/// are corrected. Deterministic; about 30 ns per sample.
+SurfelPyramid make_surfels(const View& view, const NoiseModel& noise, std::size_t most_surfels,
+                           const BrightnessAt& brightness);
 
 }  // namespace lapseam

@@ -49,6 +49,10 @@ bool wraps(const Sensor& sensor) {
   return spherical && spherical->wraps();
 }
 
+bool is_central(const Sensor& sensor) {
+  return std::holds_alternative<PinholeSensor>(sensor) || std::holds_alternative<SphericalSensor>(sensor);
+}
+
 Eigen::Vector3d unproject(const Sensor& sensor, double u, double v, double r) {
   return std::visit([&](const auto& s) { return s.unproject(u, v, r); }, sensor);
 }

@@ -129,7 +129,8 @@ class Smoother {
   /// guide: the image once smoothed, which tells the incidence; null where the noise does not depend on it.
   Smoother(const View& view, const NoiseModel& noise, const RangeImage* guide)
       : grid_{view.range.width, view.range.height, wraps(view.sensor), std::get_if<MeasuredGridSensor>(&view.sensor)},
-        is_central_(!grid_.measured && !std::holds_alternative<OrthographicSensor>(view.sensor)),
+        is_central_(lapseam::is_central(view.sensor)),
+        is_skewed_(is_central_ && noise.is_symmetric_in_range),
         sensor_(view.sensor),
         correlation_(float(noise.correlation)),
         value_(view.range.size()),
@@ -185,8 +186,13 @@ class Smoother {
         value_[i] = view.range.pixels[i];
         continue;
       }
-      if (is_central_) value_[i] = 1.0f / value_[i];
-      factors.push_back(variance_[i] / initial_variance_[i]);
+      const float left = variance_[i] / initial_variance_[i];
+      if (is_central_) {
+        const float r = 1.0f / value_[i];
+        // The mean of inverse ranges is over that of the surface by their relative variance; a single one is not.
+        value_[i] = is_skewed_ ? r * (1.0f + initial_variance_[i] * r * r * (1.0f - left)) : r;
+      }
+      factors.push_back(left);
     }
     out.range.pixels = std::move(value_);
     if (!factors.empty()) {
@@ -376,6 +382,7 @@ class Smoother {
 
   Grid grid_;
   bool is_central_;
+  bool is_skewed_;
   const Sensor& sensor_;
   float correlation_;
   // In the quantity that is affine on a plane; variance 0: no sample.

@@ -34,14 +34,13 @@ bool interpolate(const View& b, double limit_m, double u, double v, Surface& out
   const auto [low, high] = std::minmax_element(r.begin(), r.end());
   if (!(*low > 0) || double(*high - *low) > limit_m) return false;
   // Inverse range is what a plane makes affine in the image of a central sensor.
-  const bool is_central =
-      std::holds_alternative<PinholeSensor>(b.sensor) || std::holds_alternative<SphericalSensor>(b.sensor);
+  const bool is_inverse = is_central(b.sensor);
   double sum = 0, squares = 0;
   for (std::size_t k = 0; k < 4; ++k) {
-    sum += weights[k] * (is_central ? 1 / double(r[k]) : double(r[k]));
+    sum += weights[k] * (is_inverse ? 1 / double(r[k]) : double(r[k]));
     squares += weights[k] * weights[k];
   }
-  out = {is_central ? 1 / sum : sum, squares};
+  out = {is_inverse ? 1 / sum : sum, squares};
   return true;
 }
 

@@ -14,7 +14,7 @@ ColorCamera::ColorCamera(const ViewSource& source, const Eigen::Vector3d& mesh_o
       width_(lapseam::width(camera_)),
       height_(lapseam::height(camera_)),
       wraps_(lapseam::wraps(camera_)),
-      is_central_(std::holds_alternative<PinholeSensor>(camera_) || std::holds_alternative<SphericalSensor>(camera_)),
+      is_central_(lapseam::is_central(camera_)),
       center_(T_mesh_color_.translation().cast<float>()),
       axis_(Eigen::Vector3f::UnitZ()) {
   if (is_central_) find_cone();

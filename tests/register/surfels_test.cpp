@@ -25,7 +25,7 @@ TEST(Surfels, AreOnTheSurfaceUpToEdges) {
   for (const double x : {0.0, 0.004, 0.008, 0.012}) {
     const View view = test::make_view("corner", sensor, test::look_at({0.6, 0.5, 0.1}, {2 - x, 2 + x, 0.1}),
                                       test::box_room(low, high), 0, 1);
-    const SurfelPyramid pyramid = make_surfels(view, NoiseModel{kNoise_m, 0, 0, 0}, false, 25'000, {});
+    const SurfelPyramid pyramid = make_surfels(view, NoiseModel{kNoise_m, 0, 0, 0}, 25'000, {});
     const SurfelImage& finest = pyramid.levels.front();
     ASSERT_EQ(finest.factor, 2);
     std::size_t used_beside = 0, beside = 0;

@@ -1,4 +1,4 @@
-#include "register/noise_symmetry.h"
+#include "noise/noise_symmetry.h"
 
 #include <array>
 #include <cmath>
@@ -71,7 +71,9 @@ class Skew {
 bool is_symmetric_in_range(std::span<const View* const> views, std::span<const NoiseModel* const> noise,
                            Context& context) {
   std::vector<Sums> of_view(views.size());
-  parallel_for(context, views.size(), 1, [&](std::size_t i) { of_view[i] = Skew(*views[i], *noise[i]).run(); });
+  parallel_for(context, views.size(), 1, [&](std::size_t i) {
+    if (is_central(views[i]->sensor)) of_view[i] = Skew(*views[i], *noise[i]).run();
+  });
   Sums all;
   for (const Sums& sums : of_view) {
     all.information += sums.information;

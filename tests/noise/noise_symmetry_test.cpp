@@ -1,4 +1,4 @@
-#include "register/noise_symmetry.h"
+#include "noise/noise_symmetry.h"
 
 #include <gtest/gtest.h>
 
