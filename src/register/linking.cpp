@@ -6,7 +6,7 @@
 namespace lapseam {
 namespace {
 
-constexpr std::size_t kMostPartners = 20;
+constexpr std::size_t kMostPartners = 40;
 // A pair begins at this many times the spread of its first matches.
 constexpr double kStart = 1.35;
 
