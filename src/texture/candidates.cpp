@@ -16,6 +16,11 @@ constexpr float kFringeCost = 1.5f;
 // The image that a triangle was measured with fits it best; another one has to be clearly better.
 constexpr float kMeasuredBonus = 0.1f;
 constexpr float kLargestCost = 12;
+// From this level on a channel is overexposed: which colour is there nobody knows, and levelling cannot find out. So
+// far around (white print on a dark cover is narrower, and sharp all the same), it is worth e times coarser pixels.
+constexpr int kOverexposed = 250;
+constexpr int kOverexposedReach_px = 4;
+constexpr float kOverexposedCost = 1;
 constexpr std::size_t kBlock = 64;
 // Share of a cell's area that an image has to show.
 constexpr float kShown = 0.98f;
@@ -182,6 +187,20 @@ Candidates find_candidates(const Mesh& mesh, const Cells& cells, const ColorCame
   return out;
 }
 
+namespace {
+
+bool is_overexposed(const ColorImage& image, int u, int v) {
+  constexpr int kReach = kOverexposedReach_px;
+  constexpr std::array<std::array<int, 2>, 5> kAround = {
+      {{0, 0}, {-kReach, 0}, {kReach, 0}, {0, -kReach}, {0, kReach}}};
+  return std::all_of(kAround.begin(), kAround.end(), [&](const std::array<int, 2>& away) {
+    const Rgb8 c = image.at(std::clamp(u + away[0], 0, image.width - 1), std::clamp(v + away[1], 0, image.height - 1));
+    return std::max({c.r, c.g, c.b}) >= kOverexposed;
+  });
+}
+
+}  // namespace
+
 void sample_colors(const Mesh& mesh, const Cells& cells, std::span<const ViewSource> sources,
                    const ColorCameras& cameras, std::span<const ColorResponse> responses, Candidates& candidates,
                    Context& context) {
@@ -202,8 +221,10 @@ void sample_colors(const Mesh& mesh, const Cells& cells, std::span<const ViewSou
       if (!cameras[view]->project((mesh.positions_m[t[0]] + mesh.positions_m[t[1]] + mesh.positions_m[t[2]]) / 3,
                                   pixel))
         continue;
-      const Rgb8 c = image.at(std::clamp(int(std::lround(pixel.x())), 0, image.width - 1),
-                              std::clamp(int(std::lround(pixel.y())), 0, image.height - 1));
+      const int u = std::clamp(int(std::lround(pixel.x())), 0, image.width - 1);
+      const int v = std::clamp(int(std::lround(pixel.y())), 0, image.height - 1);
+      const Rgb8 c = image.at(u, v);
+      if (is_overexposed(image, u, v)) candidates.all[candidate].cost += kOverexposedCost;
       const Eigen::Vector3f color = Eigen::Vector3f(float(c.r), float(c.g), float(c.b))
                                         .cwiseProduct(responses[view].factor(cameras[view]->squared_radius(pixel)))
                                         .cwiseMin(255.0f);

@@ -43,7 +43,8 @@ struct Candidates {
 Candidates find_candidates(const Mesh& mesh, const Cells& cells, const ColorCameras& cameras,
                            std::span<const DepthImage> depths, std::span<const float> blur, Context& context);
 
-/// Sets the candidates' colours. Decodes each image once, one per thread at a time.
+/// Sets the candidates' colours, and adds to the costs of those that are overexposed. Decodes each image once, one per
+/// thread at a time.
 void sample_colors(const Mesh& mesh, const Cells& cells, std::span<const ViewSource> sources,
                    const ColorCameras& cameras, std::span<const ColorResponse> responses, Candidates& candidates,
                    Context& context);

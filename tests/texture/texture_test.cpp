@@ -384,6 +384,45 @@ TEST(Texture, AnImageThatSomethingStandsInIsNotUsedBehindIt) {
   }
 }
 
+// The nearer image is overexposed on the left; white lines on the right, four pixels wide, are print.
+TEST(Texture, AnOverexposedImageGivesWayToACoarserOneThatIsNot) {
+  const test::Shape wall = test::rectangle(2, -3, 3, -3, 3);
+  const auto far_paint = [](const Eigen::Vector3d&) { return Eigen::Vector3d(232, 240, 240); };
+  const auto near_paint = [](const Eigen::Vector3d& p) {
+    const bool is_white = p.x() < 0 || (p.x() > 0.25 && std::fmod(p.x(), 0.03) < 0.015);
+    return is_white ? Eigen::Vector3d(255, 255, 255) : Eigen::Vector3d(240, 240, 240);
+  };
+  Mesh mesh;
+  test::append_patch(mesh, {-0.6, -0.6, 2}, {0, 1.2, 0}, {1.2, 0, 0}, 40);
+  mesh.triangle_view.assign(mesh.triangle_count(), 0);
+  std::vector<ViewSource> sources;
+  const PinholeSensor camera = test::small_camera(600, 300);
+  Eigen::Isometry3d nearer = Eigen::Isometry3d::Identity();
+  nearer.translation().z() = 0.8;
+  sources.push_back(test::painted_source("near", camera, nearer, wall, near_paint));
+  sources.push_back(test::painted_source("far", camera, Eigen::Isometry3d::Identity(), wall, far_paint));
+  Context context(2);
+  texture(mesh, sources, {.equalize = false, .level = false}, context);
+  std::size_t from_far = 0, from_near = 0;
+  for (std::size_t i = 0; i < mesh.triangle_count(); ++i) {
+    ASSERT_NE(mesh.triangle_page[i], kInvalidIndex);
+    const Triangle& t = mesh.triangles[i];
+    const float x = (mesh.positions_m[t[0]] + mesh.positions_m[t[1]] + mesh.positions_m[t[2]]).x() / 3;
+    const ColorImage& page = mesh.pages[mesh.triangle_page[i]];
+    const Eigen::Vector2f uv = (mesh.texcoords[i][0] + mesh.texcoords[i][1] + mesh.texcoords[i][2]) / 3;
+    const Rgb8 found = page.at(int(uv.x() * float(page.width)), int(uv.y() * float(page.height)));
+    if (x < -0.1f) {
+      EXPECT_NEAR(found.r, 232, 1) << "overexposed at " << x;
+      ++from_far;
+    } else if (x > 0.2f) {
+      EXPECT_GE(found.r, 239) << "print at " << x;
+      ++from_near;
+    }
+  }
+  EXPECT_GT(from_far, 1000u);
+  EXPECT_GT(from_near, 1000u);
+}
+
 TEST(Texture, APanoramaIsUsedAcrossItsSeam) {
   const Eigen::Vector3d low(-1.5, -1.2, -1), high(1.5, 1.2, 1);
   const SphericalSensor camera = SphericalSensor::from_limits(720, 360, -M_PI, M_PI, M_PI / 2, -M_PI / 2);
