@@ -10,6 +10,7 @@ PATHS = {
     "degenerate": "evaluation.mesh.degenerate_triangles",
     "triangles": "evaluation.mesh.triangles",
     "components_99": "evaluation.mesh.components_99_percent_area",
+    "seen_pieces": "evaluation.completeness.seen_pieces",
     "smallest_component": "evaluation.mesh.smallest_component_triangles",
     "seam_self_intersecting": "evaluation.mesh.seams.self_intersecting_seam_triangles",
     "seam_angle_p5": "evaluation.mesh.seams.seam_min_angle_p5_deg",
@@ -63,6 +64,8 @@ def figures_of(measured):
         for distance in evaluation.get("distances") or []:
             figures[f"f_score_{distance['at_mm']:g}"] = distance["f_score_percent"]
             figures[f"completeness_{distance['at_mm']:g}"] = distance["completeness_percent"]
+    if figures["components_99"] is not None and figures["seen_pieces"] is not None:
+        figures["components_99_more_than_seen"] = max(0, figures["components_99"] - figures["seen_pieces"])
     if figures["bias_mm"] is not None:
         figures["bias_absolute_mm"] = abs(figures["bias_mm"])
     figures.update(measured.get("figures", {}))

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "core/parallel.h"
+#include "evaluate/seen_surfaces.h"
 #include "evaluate/surface_samples.h"
 #include "evaluate/truth_boundary.h"
 #include "evaluate/view_figures.h"
@@ -153,12 +154,19 @@ CompletenessFigures summarize(const Gaps& gaps, std::size_t samples) {
   return figures;
 }
 
+/// What views saw of the truth: how many each of its samples, and in how many pieces.
+struct Seen {
+  std::vector<std::uint16_t> by;
+  std::uint64_t pieces = 0;
+};
+
 /// Loads one view after the other: which truth samples it saw, where its rays go, and what lies beyond the boundary.
-std::vector<std::uint16_t> visit_views(const TruthViews& views, const Eigen::Vector3d& origin_m, const Side& result,
-                                       const Side& truth, Evaluation& evaluation, Context& context) {
-  if (views.count == 0) return std::vector<std::uint16_t>(truth.samples.positions_m.size(), 1);
+Seen visit_views(const TruthViews& views, const Eigen::Vector3d& origin_m, const Side& result, const Side& truth,
+                 Evaluation& evaluation, Context& context) {
+  if (views.count == 0) return {std::vector<std::uint16_t>(truth.samples.positions_m.size(), 1)};
   std::vector<std::uint16_t> seen_by(truth.samples.positions_m.size(), 0);
   TruthBoundary boundary(result.surface, truth.surface, truth.scene, evaluation.options, context);
+  SeenSurfaces surfaces(evaluation.options.gross_m, origin_m);
   StageScope stage(context, "evaluate views", views.count);
   for (std::size_t i = 0; i < views.count; ++i) {
     const View view = views.load(i);
@@ -168,10 +176,11 @@ std::vector<std::uint16_t> visit_views(const TruthViews& views, const Eigen::Vec
                                                 evaluation.options, kFirstViewStream + i, context));
     evaluation.rays = add(std::move(evaluation.rays), evaluation.rays_by_view.back());
     boundary.visit(view, origin_m, context);
+    surfaces.visit(view);
     stage.advance();
   }
   evaluation.boundary = boundary.figures();
-  return seen_by;
+  return {std::move(seen_by), surfaces.pieces_99_percent()};
 }
 
 }  // namespace
@@ -207,11 +216,12 @@ Evaluation evaluate(const Mesh& result, const Mesh& truth, const TruthViews& vie
     }
   }
 
-  const std::vector<std::uint16_t> seen_by = visit_views(views, origin_m, result_side, truth_side, evaluation, context);
+  const Seen seen = visit_views(views, origin_m, result_side, truth_side, evaluation, context);
 
   const StageScope stage(context, "evaluate completeness");
-  const Gaps gaps = measure_gaps(result_side, truth_side, seen_by, context);
-  evaluation.completeness = summarize(gaps, seen_by.size());
+  const Gaps gaps = measure_gaps(result_side, truth_side, seen.by, context);
+  evaluation.completeness = summarize(gaps, seen.by.size());
+  evaluation.completeness.seen_pieces = seen.pieces;
   const std::vector<float> distance = sorted(std::move(deviations.distance_m), context);
   for (const double at_m : options.at_m) {
     DistanceFigures figures{at_m, share_up_to(distance, at_m), share_up_to(gaps.all_m, at_m),

@@ -31,6 +31,7 @@ Json completeness_json(const Evaluation& e) {
   return {{"samples", c.samples},
           {"two_view_samples", e.has_views ? Json(c.two_view_samples) : Json(nullptr)},
           {"seen_percent", e.has_views ? Json(100 * c.seen_share) : Json(nullptr)},
+          {"seen_pieces", e.has_views ? Json(c.seen_pieces) : Json(nullptr)},
           {"median_mm", c.samples ? finite_or_null(kMmPerM * c.median_m) : Json(nullptr)},
           {"p90_mm", c.samples ? finite_or_null(kMmPerM * c.p90_m) : Json(nullptr)}};
 }
@@ -94,6 +95,7 @@ void add_completeness(Table& table, const Evaluation& e) {
   table.head(e.has_views ? "completeness (truth that a view saw, to result)"
                          : "completeness (all of the truth to result; no views given, so seen or not)");
   if (e.has_views) table.share("truth seen", e.completeness.seen_share);
+  if (e.has_views) table.count("pieces that hold 99 % of it", e.completeness.seen_pieces);
   if (e.completeness.samples > 0) {
     table.mm("median", e.completeness.median_m);
     table.mm("90 %", e.completeness.p90_m);

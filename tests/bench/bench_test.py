@@ -93,6 +93,13 @@ class Figures(unittest.TestCase):
         self.assertEqual(found["bias_absolute_mm"], 0.25)
         self.assertEqual((found["peak_rss_mb"], found["wall_s"], found["threads_wall"]), (5, 3, 1.5))
 
+    def test_components_are_held_against_the_pieces_that_views_saw(self):
+        for components, pieces, more in ((2, 3, 0), (3, 1, 2)):
+            measured = {"evaluation": {"mesh": {"self_intersecting_triangles": None, "triangles": 1,
+                                                "components_99_percent_area": components},
+                                       "completeness": {"seen_pieces": pieces}}}
+            self.assertEqual(figures.figures_of(measured)["components_99_more_than_seen"], more)
+
     def test_beside_peers_the_best_of_them_counts_and_failed_ones_do_not(self):
         def result(wall_s, off, within):
             return {"median": {"wall_s": wall_s, "peak_rss_bytes": 100},

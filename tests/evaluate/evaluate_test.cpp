@@ -204,6 +204,27 @@ TEST(Evaluate, seed_changes_the_samples_and_threads_do_not) {
   EXPECT_NEAR(a.accuracy->median_m, b.accuracy->median_m, 0.05 * a.accuracy->median_m);
 }
 
+// The floor is cut in two by a gap of ten times or half of what counts (2 cm).
+TEST(Evaluate, pieces_that_views_saw_are_counted_and_narrow_gaps_are_none) {
+  for (const auto& [gap_m, pieces] : {std::pair{0.2f, 2u}, {0.01f, 1u}}) {
+    Mesh truth = sheet(0.4f, 1, 10, 10, 0);
+    Mesh other = sheet(0.4f, 1, 10, 10, 0);
+    for (Eigen::Vector3f& p : other.positions_m) p.x() += 0.4f + gap_m;
+    append(truth, other);
+    View view = view_down_on_floor(0.5, 0.5, 1, 400, 300, 400);
+    for (int v = 0; v < 300; ++v)
+      for (int u = 0; u < 400; ++u) {
+        float& r = view.range.at(u, v);
+        const double x = (view.T_world_view * unproject(view.sensor, u, v, double(r))).x();
+        if (x > 0.4 && x < 0.4 + double(gap_m)) r = kInvalidRange;
+      }
+    const Evaluation e = evaluate_meshes(truth, truth, {view});
+    EXPECT_EQ(e.completeness.seen_pieces, pieces) << gap_m;
+    EXPECT_EQ(nlohmann::json::parse(to_json(e))["completeness"]["seen_pieces"], pieces);
+  }
+  EXPECT_EQ(evaluate_meshes(sheet(1, 1, 4, 4, 0), sheet(1, 1, 4, 4, 0)).completeness.seen_pieces, 0u);
+}
+
 TEST(Evaluate, reports_hold_every_figure) {
   const Mesh truth = sheet(1, 1, 10, 10, 0);
   const std::vector<View> views = {view_down_on_floor(0.5, 0.5, 1, 40, 30, 40)};

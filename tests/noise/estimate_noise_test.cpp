@@ -61,7 +61,7 @@ NoiseModel estimate(const std::vector<View>& views, int threads = 2) {
 
 TEST(EstimateNoise, PinholeRoom) {
   const PinholeSensor sensor{640, 480, 525, 525, 319.5, 239.5, {}};
-  for (const NoiseModel truth :
+  for (const NoiseModel& truth :
        {NoiseModel{0.002, 0, 0, 0}, NoiseModel{0.0005, 0, 0.0019, 0}, NoiseModel{0, 0.002, 0, 0}})
     expect_recovered(estimate({room_view(sensor, truth, 1, {1, 0.4, -0.3}), room_view(sensor, truth, 2, {0, -1, 0.5})}),
                      truth, 1.3, 4.6);
@@ -139,7 +139,7 @@ TEST(EstimateNoise, DistortedPinhole) {
 
 TEST(EstimateNoise, SphericalRoom) {
   const auto sensor = SphericalSensor::from_limits(1000, 450, -std::numbers::pi, std::numbers::pi, 1.5, -1.0);
-  for (const NoiseModel truth : {NoiseModel{0.0005, 0, 0, 0}, NoiseModel{0.0003, 0.0005, 0, 0}})
+  for (const NoiseModel& truth : {NoiseModel{0.0005, 0, 0, 0}, NoiseModel{0.0003, 0.0005, 0, 0}})
     expect_recovered(estimate({room_view(sensor, truth, 3, {})}), truth, 1.2, 3.2);
 }
 
