@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "core/disjoint_sets.h"
