@@ -21,7 +21,7 @@ struct NoiseMeasurement {
   std::vector<NoiseBin> bins;  ///< by range; empty where too few samples lie next to one another
 };
 
-/// As estimate_noise, which returns the model alone.
+/// As estimate_noise, which returns the model alone, but does not ask whether it is symmetric in the range.
 NoiseMeasurement measure_noise(std::span<const View* const> views, Context& context);
 
 }  // namespace lapseam

@@ -124,7 +124,10 @@ Bins make_bins(std::vector<Roughness>& samples, const std::vector<float>& sorted
 }  // namespace
 
 NoiseModel estimate_noise(std::span<const View* const> views, Context& context) {
-  return measure_noise(views, context).model;
+  NoiseModel noise = measure_noise(views, context).model;
+  const std::vector<const NoiseModel*> of_views(views.size(), &noise);
+  noise.is_symmetric_in_range = is_symmetric_in_range(views, of_views, context);
+  return noise;
 }
 
 NoiseMeasurement measure_noise(std::span<const View* const> views, Context& context) {
@@ -161,8 +164,6 @@ NoiseMeasurement measure_noise(std::span<const View* const> views, Context& cont
   const double step = step_between(samples.ranges, samples.ranges.front(), samples.ranges.back(), 0.1);
   noise.floor_m = std::max(step * kFromStep, middle * kFloatStep);
   noise.correlation = found.correlation;
-  const std::vector<const NoiseModel*> of_views(views.size(), &noise);
-  noise.is_symmetric_in_range = is_symmetric_in_range(views, of_views, context);
   return {noise, std::move(found.bins)};
 }
 

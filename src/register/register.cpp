@@ -7,7 +7,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <map>
 
 #include "core/parallel.h"
 #include "lapseam/error.h"
