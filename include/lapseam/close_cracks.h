@@ -20,6 +20,7 @@ struct CloseCracksReport {
   std::uint64_t covered_triangles_removed = 0;  ///< at borders, over another layer of the same surface
   std::uint64_t crack_loops = 0;                ///< short loops of open edges along most of which the surface goes on
   std::uint64_t loops_closed = 0;
+  std::uint64_t loops_filled = 0;        ///< partly: the least length is left open
   std::uint64_t loop_triangles = 0;      ///< added, tagged kSeam
   std::uint64_t triangles_replaced = 0;  ///< removed around a hole that could not be closed as it was
   std::uint64_t corners_filled = 0;      ///< triangles, tagged kSeam, in corners of what could not be closed
@@ -29,12 +30,13 @@ struct CloseCracksReport {
 
 /// The mesh's provenance counts the patches. Slivers at the border along the rays of their view go. A border triangle
 /// goes when the middle of another one that faces alike and shares no vertex with it lies over it within the noise of
-/// both: the surer stays. A loop of up to 64 open edges is closed when some view measured a surface beyond most of its
-/// length: by the flattest, then smallest triangulation that meets nothing (exact), that a view about as sure as its
-/// corners confirms and no clearly surer one looked through. Where there is none, up to four rings of triangles around
-/// the hole are replaced, unless measured surface would be lost; and where that does not help, corners are filled. No
-/// vertex is made or moved; the mesh stays edge-manifold and oriented, and no new triangle meets another. Same result
-/// for any number of threads. Throws Cancelled.
+/// both: the surer stays. A loop of up to 128 open edges is closed by the flattest, then smallest triangulation that
+/// meets nothing (exact), that views about as sure as its corners confirm and no clearly surer one looked through: in
+/// the middle of each triangle where some view measured a surface beyond most of the loop's length, everywhere else.
+/// Where there is none, up to four rings of triangles around the hole are replaced, unless measured surface would be
+/// lost; where that does not help, as much of the loop is filled as can be, and corners are. No vertex is made or
+/// moved; the mesh stays edge-manifold and oriented, and no new triangle meets another. Same result for any number of
+/// threads. Throws Cancelled.
 CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const OverlapOptions& options,
                                Context& context);
 

@@ -64,6 +64,7 @@ CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const
   report.covered_triangles_removed = trim_double_layers(live, layers, context);
   cracks.close(kLongestLoop, kRule);
   cracks.close(kLongestSlit, kSlitRule);
+  cracks.fill(kRule);
   cracks.fill_corners(kCornerRule);
   // Where more surface has come, more of it lies over others.
   report.covered_triangles_removed += trim_double_layers(live, layers, context);
@@ -73,6 +74,9 @@ CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const
   report.flips = changes.flips;
   report.collapses = changes.collapses;
   report.outline_slivers_removed += remove_outline_slivers(live, witnesses, context);
+  // Slivers that went leave small holes, and edges that were turned let in what did not fit before.
+  cracks.close(kLongestLoop, kRule);
+  cracks.close(kLongestSlit, kSlitRule);
   mesh = compact(mesh, live.alive());
   return report;
 }
@@ -82,6 +86,7 @@ std::string to_json(const CloseCracksReport& report) {
                                        {"covered_triangles_removed", report.covered_triangles_removed},
                                        {"crack_loops", report.crack_loops},
                                        {"loops_closed", report.loops_closed},
+                                       {"loops_filled", report.loops_filled},
                                        {"loop_triangles", report.loop_triangles},
                                        {"triangles_replaced", report.triangles_replaced},
                                        {"corners_filled", report.corners_filled},

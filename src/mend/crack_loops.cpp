@@ -12,7 +12,6 @@
 namespace lapseam {
 namespace {
 
-constexpr float kCrackShare = 0.5f;
 constexpr float kMostSigma = 1.4f;  // noise of a witness against that of the vertices around
 constexpr float kBeyond = 0.5f;     // how far beyond an edge its surface must go on, in sides of its triangle
 // What a hole is widened by before it is left as it is.
@@ -43,6 +42,20 @@ CrackLoops::CrackLoops(LiveMesh& mesh, TriangleCheck& check, const Layers& layer
       context_(context) {}
 
 void CrackLoops::close(std::size_t longest, const TriangleRule& rule) {
+  const std::vector<Judged> judged = judged_loops(longest);
+  const auto cracks =
+      std::uint64_t(std::count_if(judged.begin(), judged.end(), [](const Judged& j) { return j.is_crack(); }));
+  report_.crack_loops = std::max(report_.crack_loops, cracks);
+  report_.loops_closed += close_each(judged, rule, Extent::kWhole);
+}
+
+void CrackLoops::fill(const TriangleRule& rule) {
+  std::vector<Judged> judged = judged_loops(kLongestLoop);
+  std::erase_if(judged, [](const Judged& j) { return !j.is_crack(); });
+  report_.loops_filled += close_each(judged, rule, Extent::kParts);
+}
+
+std::vector<CrackLoops::Judged> CrackLoops::judged_loops(std::size_t longest) const {
   std::vector<Loop> loops = trace_loops(mesh_, open_edges(mesh_));
   std::erase_if(loops, [&](const Loop& loop) { return loop.size() > longest; });
   std::vector<Judged> judged(loops.size());
@@ -50,27 +63,30 @@ void CrackLoops::close(std::size_t longest, const TriangleRule& rule) {
     judged[i] = judge(loops[i]);
     relieve(patches_.front());
   });
-  std::erase_if(judged, [](const Judged& j) { return j.crack_share < kCrackShare; });
-  // Short ones first: what they take is little.
   std::stable_sort(judged.begin(), judged.end(),
                    [](const Judged& a, const Judged& b) { return a.loop.size() < b.loop.size(); });
-  report_.crack_loops = std::max<std::uint64_t>(report_.crack_loops, judged.size());
-  // What many would do is worked out at the same time, on drafts; few get in each other's way.
+  return judged;
+}
+
+// What many would do is worked out at the same time, on drafts; few get in each other's way.
+std::size_t CrackLoops::close_each(std::span<const Judged> judged, const TriangleRule& rule, Extent extent) {
+  std::size_t closed = 0;
   std::vector<Proposal> proposals(kProposals);
   for (std::size_t begin = 0; begin < judged.size(); begin += kProposals) {
     const std::size_t count = std::min(kProposals, judged.size() - begin);
     parallel_for(context_, count, 1, [&](std::size_t i) {
-      proposals[i] = propose(judged[begin + i], rule);
+      proposals[i] = propose(judged[begin + i], rule, extent);
       relieve(patches_.front());
     });
     for (std::size_t i = 0; i < count; ++i) {
       const std::size_t first = mesh_.triangle_count();
-      if (!close_as_proposed(judged[begin + i], proposals[i], rule)) continue;
-      ++report_.loops_closed;
+      if (!close_as_proposed(judged[begin + i], proposals[i], rule, extent)) continue;
+      ++closed;
       for (std::size_t t = first; t < mesh_.triangle_count(); ++t)
         report_.loop_triangles += mesh_.is_alive(std::uint32_t(t));
     }
   }
+  return closed;
 }
 
 std::vector<std::uint32_t> CrackLoops::views_of(std::span<const std::uint32_t> vertices) const {
@@ -111,20 +127,22 @@ bool CrackLoops::is_confirmed(const Hearing& hearing, float sigma_m) const {
   return hearing.is_surface() && hearing.surface_sigma_m <= kMostSigma * sigma_m;
 }
 
-// Whether a view that can tell looked through a triangle, or none saw its middle.
-bool CrackLoops::is_contradicted(const Triangle& t, std::span<const std::uint32_t> views) const {
+// Whether a view that can tell looked through a triangle, or none saw it.
+bool CrackLoops::is_contradicted(const Triangle& t, std::span<const std::uint32_t> views, Confirmed where) const {
   constexpr int kSteps = 4;
   const Eigen::Vector3f normal = mesh_.area_normal(t).stableNormalized().cast<float>();
   const float error = layers_.error_of(t);
+  const float sigma = std::max({noise_.sigma_m[t[0]], noise_.sigma_m[t[1]], noise_.sigma_m[t[2]]});
   for (int i = 1; i < kSteps; ++i)
     for (int j = 1; i + j < kSteps; ++j) {
       const Eigen::Vector3f p = (float(i) * mesh_.position(t[0]) + float(j) * mesh_.position(t[1]) +
                                  float(kSteps - i - j) * mesh_.position(t[2])) /
                                 kSteps;
-      if (witnesses_.ask(views, p, normal, error).is_empty()) return true;
+      const Hearing hearing = witnesses_.ask(views, p, normal, error);
+      if (hearing.is_empty()) return true;
+      if (where == Confirmed::kEverywhere && !is_confirmed(hearing, sigma)) return true;
     }
   const Eigen::Vector3f middle = (mesh_.position(t[0]) + mesh_.position(t[1]) + mesh_.position(t[2])) / 3;
-  const float sigma = std::max({noise_.sigma_m[t[0]], noise_.sigma_m[t[1]], noise_.sigma_m[t[2]]});
   return !is_confirmed(witnesses_.ask(views, middle, normal, error), sigma);
 }
 
@@ -134,30 +152,31 @@ bool CrackLoops::is_open(const Loop& loop) const {
   return true;
 }
 
-bool CrackLoops::is_hopeless(const Loop& loop, const TriangleRule& rule) const {
-  return hopeless_.contains({rule.fold_cosine, in_order(loop)});
+bool CrackLoops::is_hopeless(const Loop& loop, const TriangleRule& rule, Extent extent) const {
+  return hopeless_.contains({extent, rule.fold_cosine, in_order(loop)});
 }
 
-CrackLoops::Proposal CrackLoops::propose(const Judged& judged, const TriangleRule& rule) const {
+CrackLoops::Proposal CrackLoops::propose(const Judged& judged, const TriangleRule& rule, Extent extent) const {
   Proposal proposal;
-  if (is_hopeless(judged.loop, rule) || !is_open(judged.loop)) return proposal;
+  if (is_hopeless(judged.loop, rule, extent) || !is_open(judged.loop)) return proposal;
   LiveMesh draft = LiveMesh::draft_of(mesh_);
   TriangleCheck check(draft, check_);
   const Layers layers(draft, check, layers_);
   CloseCracksReport report;
   CrackLoops loops(draft, check, layers, witnesses_, patches_, noise_, report, context_);
-  proposal.is_closed = loops.close_one(judged, rule);
-  if (!proposal.is_closed) return proposal;
+  proposal.is_made = loops.close_one(judged, rule, extent);
+  if (!proposal.is_made) return proposal;
   proposal.removed = draft.removed();
   for (auto t = std::uint32_t(mesh_.triangle_count()); t < draft.triangle_count(); ++t)
     if (draft.is_alive(t)) proposal.added.push_back(draft.triangle(t));
   return proposal;
 }
 
-bool CrackLoops::close_as_proposed(const Judged& judged, const Proposal& proposal, const TriangleRule& rule) {
+bool CrackLoops::close_as_proposed(const Judged& judged, const Proposal& proposal, const TriangleRule& rule,
+                                   Extent extent) {
   if (!is_open(judged.loop)) return false;  // an earlier loop took an edge
-  if (proposal.is_closed && (apply(proposal, rule) || close_one(judged, rule))) return true;
-  hopeless_.insert({rule.fold_cosine, in_order(judged.loop)});
+  if (proposal.is_made && (apply(proposal, rule) || close_one(judged, rule, extent))) return true;
+  hopeless_.insert({extent, rule.fold_cosine, in_order(judged.loop)});
   return false;
 }
 
@@ -179,17 +198,23 @@ bool CrackLoops::apply(const Proposal& proposal, const TriangleRule& rule) {
   return true;
 }
 
-bool CrackLoops::close_one(const Judged& judged, const TriangleRule& rule) {
+bool CrackLoops::close_one(const Judged& judged, const TriangleRule& rule, Extent extent) {
+  // An outline along which nothing goes on is where the surface ends, unless all that is within it was measured.
+  const Confirmed where = judged.is_crack() ? Confirmed::kInTheMiddle : Confirmed::kEverywhere;
   // The same triangles are asked about again and again while triangulations are tried.
   std::map<Triangle, bool> known;
   check_.set_condition([&](const Triangle& t) {
     const auto [place, is_new] = known.try_emplace(t, false);
-    if (is_new) place->second = !is_contradicted(t, judged.views);
+    if (is_new) place->second = !is_contradicted(t, judged.views, where);
     return place->second;
   });
-  const bool is_closed =
-      close_loop(mesh_, check_, judged.loop, LoopGoal::kArea, rule, TriangleTag::kSeam, LoopEffort::kQuick) ||
-      widen_and_close(judged, rule);
+  bool is_closed = false;
+  if (extent == Extent::kParts) {
+    is_closed = fill_loop(mesh_, check_, judged.loop, LoopGoal::kArea, rule, TriangleTag::kSeam) > 0;
+  } else {
+    is_closed = close_loop(mesh_, check_, judged.loop, LoopGoal::kArea, rule, TriangleTag::kSeam, LoopEffort::kQuick) ||
+                (judged.crack_share > 0 && widen_and_close(judged, rule));
+  }
   check_.set_condition({});
   return is_closed;
 }
@@ -247,7 +272,7 @@ bool CrackLoops::close_all(std::span<const Loop> loops, const TriangleRule& rule
 bool CrackLoops::keeps_surface(std::span<const std::uint32_t> removed, std::span<const std::uint32_t> views) const {
   double all = 0, lost = 0;
   for (const std::uint32_t t : removed) {
-    if (is_contradicted(mesh_.triangle(t), views)) continue;
+    if (is_contradicted(mesh_.triangle(t), views, Confirmed::kInTheMiddle)) continue;
     const double area = mesh_.area_normal(t).norm();
     all += area;
     if (!layers_.has_surface_at(mesh_.triangle(t))) lost += area;
@@ -262,7 +287,7 @@ void CrackLoops::remove_since(std::size_t first) {
 
 void CrackLoops::fill_corners(const TriangleRule& rule) {
   check_.set_condition([&](const Triangle& t) {
-    return !is_contradicted(t, views_of(t)) && !layers_.is_covered(t, Layers::Places::kSpread);
+    return !is_contradicted(t, views_of(t), Confirmed::kInTheMiddle) && !layers_.is_covered(t, Layers::Places::kSpread);
   });
   for (const Loop& loop : trace_loops(mesh_, open_edges(mesh_))) {
     context_.throw_if_cancelled();

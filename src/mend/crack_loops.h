@@ -5,7 +5,7 @@
 #include <map>
 #include <set>
 #include <span>
-#include <utility>
+#include <tuple>
 #include <vector>
 
 #include "lapseam/close_cracks.h"
@@ -16,7 +16,7 @@
 namespace lapseam {
 
 /// Longer outlines are gaps between two pieces, or have holes in them: no disk closes them.
-inline constexpr std::size_t kLongestLoop = 64;
+inline constexpr std::size_t kLongestLoop = kLargestWhole;
 
 /// Of every vertex: how far it may be off along its normal, and the noise of its sample along its ray.
 struct VertexNoise {
@@ -30,8 +30,10 @@ class CrackLoops {
   CrackLoops(LiveMesh& mesh, TriangleCheck& check, const Layers& layers, const Witnesses& witnesses,
              std::span<const Patch> patches, VertexNoise noise, CloseCracksReport& report, Context& context);
 
-  /// Closes loops along most of which a view measured the surface going on.
+  /// Closes loops where views measured a surface in all of the hole.
   void close(std::size_t longest, const TriangleRule& rule);
+  /// Fills what can be filled of loops along most of which a view measured the surface going on.
+  void fill(const TriangleRule& rule);
   /// Fills corners of what is still open, where a view measured a surface.
   void fill_corners(const TriangleRule& rule);
 
@@ -41,27 +43,37 @@ class CrackLoops {
     Loop loop;
     std::vector<std::uint32_t> views;
     float crack_share = 0;
+    /// Whether it is a crack by what is along it, and not only by what is in it.
+    bool is_crack() const { return crack_share >= kCrackShare; }
   };
+  static constexpr float kCrackShare = 0.5f;
 
   /// Those that may see some of the vertices.
   std::vector<std::uint32_t> views_of(std::span<const std::uint32_t> vertices) const;
   Judged judge(const Loop& loop) const;
+  /// All loops up to a length, the shortest first: what they take is little.
+  std::vector<Judged> judged_loops(std::size_t longest) const;
   bool goes_on_beyond(std::uint32_t a, std::uint32_t b, std::span<const std::uint32_t> views) const;
   bool is_confirmed(const Hearing& hearing, float sigma_m) const;
-  bool is_contradicted(const Triangle& t, std::span<const std::uint32_t> views) const;
+  /// Where in a new triangle a view must have measured a surface.
+  enum class Confirmed { kInTheMiddle, kEverywhere };
+  bool is_contradicted(const Triangle& t, std::span<const std::uint32_t> views, Confirmed where) const;
   bool is_open(const Loop& loop) const;
 
+  enum class Extent { kWhole, kParts };  ///< of a loop: all of it or nothing, or what can be filled
   /// How a loop would be closed.
   struct Proposal {
-    bool is_closed = false;
+    bool is_made = false;
     std::vector<std::uint32_t> removed;
     std::vector<Triangle> added;
   };
-  Proposal propose(const Judged& judged, const TriangleRule& rule) const;
+  /// Returns how many were changed.
+  std::size_t close_each(std::span<const Judged> judged, const TriangleRule& rule, Extent extent);
+  Proposal propose(const Judged& judged, const TriangleRule& rule, Extent extent) const;
   bool apply(const Proposal& proposal, const TriangleRule& rule);
-  bool close_as_proposed(const Judged& judged, const Proposal& proposal, const TriangleRule& rule);
-  bool is_hopeless(const Loop& loop, const TriangleRule& rule) const;
-  bool close_one(const Judged& judged, const TriangleRule& rule);
+  bool close_as_proposed(const Judged& judged, const Proposal& proposal, const TriangleRule& rule, Extent extent);
+  bool is_hopeless(const Loop& loop, const TriangleRule& rule, Extent extent) const;
+  bool close_one(const Judged& judged, const TriangleRule& rule, Extent extent);
   bool widen_and_close(const Judged& judged, const TriangleRule& rule);
   std::vector<Loop> outlines_of(std::span<const std::uint32_t> removed) const;
   bool close_all(std::span<const Loop> loops, const TriangleRule& rule);
@@ -76,7 +88,8 @@ class CrackLoops {
   VertexNoise noise_;
   CloseCracksReport& report_;
   Context& context_;
-  std::set<std::pair<double, Loop>> hopeless_;  // loops that could not be closed, and by which fold: membership only
+  // Loops that could not be closed, and by which fold: membership only.
+  std::set<std::tuple<Extent, double, Loop>> hopeless_;
 };
 
 }  // namespace lapseam

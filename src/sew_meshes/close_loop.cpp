@@ -8,6 +8,7 @@
 #include <limits>
 #include <queue>
 #include <unordered_set>
+#include <utility>
 
 #include "sew_meshes/loops.h"
 
@@ -15,42 +16,63 @@ namespace lapseam {
 namespace {
 
 struct Cost {
+  float open_m = std::numeric_limits<float>::infinity();  ///< length of outline that is left
   float worst = std::numeric_limits<float>::infinity();
   float sum = std::numeric_limits<float>::infinity();
-  bool operator<(const Cost& o) const { return worst != o.worst ? worst < o.worst : sum < o.sum; }
+  bool operator<(const Cost& o) const {
+    if (open_m != o.open_m) return open_m < o.open_m;
+    return worst != o.worst ? worst < o.worst : sum < o.sum;
+  }
+};
+
+enum class Remainder {
+  kNone,    ///< all of the loop is triangulated, or nothing
+  kAllowed  ///< parts of it may stay open
 };
 
 /// The best triangulation of a loop, again and again, without triangles that turned out to be impossible.
 class LoopSolver {
  public:
-  LoopSolver(const LiveMesh& mesh, const Loop& loop, LoopGoal goal)
-      : mesh_(mesh), loop_(loop), n_(loop.size()), goal_(goal), position_(n_), across_(n_) {
+  LoopSolver(const LiveMesh& mesh, const Loop& loop, LoopGoal goal, Remainder remainder)
+      : mesh_(mesh), loop_(loop), n_(loop.size()), goal_(goal), remainder_(remainder), position_(n_), across_(n_) {
+    along_m_.assign(n_, 0);
     for (std::size_t i = 0; i < n_; ++i) {
       position_[i] = mesh.position(loop[i]).cast<double>();
       across_[i] = mesh.area_normal(mesh.find(loop[i], loop[(i + 1) % n_])).stableNormalized().cast<float>();
     }
+    for (std::size_t i = 1; i < n_; ++i) along_m_[i] = along_m_[i - 1] + (position_[i] - position_[i - 1]).norm();
     mark_existing_edges();
-  }
-
-  /// Places in the loop (k, i, j) of each triangle; empty: there is no triangulation left.
-  std::vector<std::array<std::size_t, 3>> solve() {
     best_.assign(n_ * n_, Cost{});
     split_.assign(n_ * n_, 0);
     normal_.assign(n_ * n_, Eigen::Vector3f::Zero());
+    is_stale_.assign(n_ * n_, 0);
     for (std::size_t i = 0; i + 1 < n_; ++i) {
-      best_[i * n_ + i + 1] = {0, 0};
+      best_[i * n_ + i + 1] = {0, 0, 0};
       normal_[i * n_ + i + 1] = across_[i];
     }
+    for (std::size_t i = 0; i + 2 < n_; ++i) is_stale_[i * n_ + i + 2] = 1;
+  }
+
+  /// Places in the loop (k, i, j) of each triangle; empty: there is no triangulation left. Chains that contain nothing
+  /// forbidden since the last time keep what was found.
+  std::vector<std::array<std::size_t, 3>> solve() {
     for (std::size_t length = 2; length < n_; ++length)
-      for (std::size_t i = 0; i + length < n_; ++i) solve_chain(i, i + length);
+      for (std::size_t i = 0; i + length < n_; ++i) {
+        const std::size_t j = i + length;
+        std::uint8_t& is_stale = is_stale_[i * n_ + j];
+        is_stale |= std::uint8_t(is_stale_[(i + 1) * n_ + j] | is_stale_[i * n_ + j - 1]);
+        if (is_stale) solve_chain(i, j);
+      }
+    std::fill(is_stale_.begin(), is_stale_.end(), std::uint8_t(0));
     std::vector<std::array<std::size_t, 3>> triangles;
-    if (std::isinf(best_[n_ - 1].worst)) return triangles;
+    if (std::isinf(best_[n_ - 1].open_m)) return triangles;
     std::vector<std::pair<std::size_t, std::size_t>> chains = {{0, n_ - 1}};
     while (!chains.empty()) {
       const auto [i, j] = chains.back();
       chains.pop_back();
       if (j - i < 2) continue;
       const std::size_t k = split_[i * n_ + j];
+      if (k == kOpen) continue;
       triangles.push_back({k, i, j});
       chains.emplace_back(i, k);
       chains.emplace_back(k, j);
@@ -58,7 +80,10 @@ class LoopSolver {
     return triangles;
   }
 
-  void forbid(const std::array<std::size_t, 3>& t) { forbidden_.insert(key(t[0], t[1], t[2])); }
+  void forbid(const std::array<std::size_t, 3>& t) {
+    forbidden_.insert(key(t[0], t[1], t[2]));
+    is_stale_[t[1] * n_ + t[2]] = 1;
+  }
   Triangle triangle(const std::array<std::size_t, 3>& t) const { return {loop_[t[0]], loop_[t[1]], loop_[t[2]]}; }
 
  private:
@@ -67,39 +92,53 @@ class LoopSolver {
   /// A diagonal may not be an edge that exists already.
   void mark_existing_edges() {
     is_edge_.assign(n_ * n_, 0);
+    std::vector<std::pair<std::uint32_t, std::size_t>> places(n_);
+    for (std::size_t i = 0; i < n_; ++i) places[i] = {loop_[i], i};
+    std::sort(places.begin(), places.end());
     for (std::size_t i = 0; i < n_; ++i)
-      for (std::size_t j = i + 2; j < n_; ++j)
-        if (!(i == 0 && j + 1 == n_))
-          is_edge_[i * n_ + j] =
-              mesh_.find(loop_[i], loop_[j]) != kInvalidIndex || mesh_.find(loop_[j], loop_[i]) != kInvalidIndex;
+      mesh_.for_each_around(loop_[i], [&](std::uint32_t t) {
+        for (const std::uint32_t v : mesh_.triangle(t)) {
+          const auto place = std::lower_bound(places.begin(), places.end(), std::pair(v, std::size_t{0}));
+          if (place == places.end() || place->first != v) continue;
+          const std::size_t j = place->second;
+          if (j >= i + 2 && !(i == 0 && j + 1 == n_)) is_edge_[i * n_ + j] = 1;
+        }
+      });
   }
 
   static float turn(const Eigen::Vector3f& a, const Eigen::Vector3f& b) { return 0.5f * (1 - a.dot(b)); }
+
+  /// At the edge that a chain ends in; none where what is across is left open.
+  float fold_across(std::size_t i, std::size_t j, const Eigen::Vector3f& normal) const {
+    return split_[i * n_ + j] == kOpen ? 0 : turn(normal, normal_[i * n_ + j]);
+  }
 
   void solve_chain(std::size_t i, std::size_t j) {
     if (is_edge_[i * n_ + j]) return;
     const bool is_outline = i == 0 && j + 1 == n_;
     Cost& best = best_[i * n_ + j];
+    best = {};
+    if (remainder_ == Remainder::kAllowed) leave_open(i, j);
     for (std::size_t k = i + 1; k < j; ++k) {
       const Cost &left = best_[i * n_ + k], &right = best_[k * n_ + j];
-      Cost cost = {std::max(left.worst, right.worst), left.sum + right.sum};
+      Cost cost = {left.open_m + right.open_m, std::max(left.worst, right.worst), left.sum + right.sum};
       if (!(cost < best)) continue;
       const Eigen::Vector3d ki = position_[i] - position_[k], kj = position_[j] - position_[k];
       const Eigen::Vector3d area2 = ki.cross(kj);
       const double length = area2.norm();
       if (!(length > 0)) continue;
       const Eigen::Vector3f normal = (area2 / length).cast<float>();
-      float fold = std::max(turn(normal, normal_[i * n_ + k]), turn(normal, normal_[k * n_ + j]));
+      float fold = std::max(fold_across(i, k, normal), fold_across(k, j, normal));
       if (is_outline) fold = std::max(fold, turn(normal, across_[n_ - 1]));
       if (goal_ == LoopGoal::kArea) {
-        cost = {std::max(cost.worst, fold), cost.sum + float(length)};
+        cost = {cost.open_m, std::max(cost.worst, fold), cost.sum + float(length)};
       } else {
         const double sides[3] = {ki.squaredNorm(), kj.squaredNorm(), (ki - kj).squaredNorm()};
         const double longest = std::max({sides[0], sides[1], sides[2]});
         const double shortest = std::min({sides[0], sides[1], sides[2]});
         const double middle = sides[0] + sides[1] + sides[2] - longest - shortest;
         const float shape = std::max(0.0f, 1 - float(length / std::sqrt(longest * middle)) / 0.8660254f);
-        cost = {std::max({cost.worst, shape, fold}), cost.sum + shape + fold};
+        cost = {cost.open_m, std::max({cost.worst, shape, fold}), cost.sum + shape + fold};
       }
       if (!(cost < best) || (!forbidden_.empty() && forbidden_.contains(key(k, i, j)))) continue;
       best = cost;
@@ -108,16 +147,28 @@ class LoopSolver {
     }
   }
 
+  /// What is left is the chain, and the edge that it ends in.
+  void leave_open(std::size_t i, std::size_t j) {
+    const double length = along_m_[j] - along_m_[i] + (position_[j] - position_[i]).norm();
+    best_[i * n_ + j] = {float(length), 0, 0};
+    split_[i * n_ + j] = kOpen;
+  }
+
+  static constexpr std::size_t kOpen = std::numeric_limits<std::size_t>::max();
+
   const LiveMesh& mesh_;
   const Loop& loop_;
   std::size_t n_;
   LoopGoal goal_;
+  Remainder remainder_;
   std::vector<Eigen::Vector3d> position_;
+  std::vector<double> along_m_;          // length of the loop from its first vertex to each
   std::vector<Eigen::Vector3f> across_;  // of each edge, the unit normal of the triangle on its other side
   std::vector<std::uint8_t> is_edge_;
   std::vector<Cost> best_;
   std::vector<std::size_t> split_;
   std::vector<Eigen::Vector3f> normal_;
+  std::vector<std::uint8_t> is_stale_;
   std::unordered_set<std::uint64_t> forbidden_;  // membership only
 };
 
@@ -143,17 +194,40 @@ bool try_to_add(LiveMesh& mesh, TriangleCheck& check, LoopSolver& solver,
   return true;
 }
 
-bool close_whole(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, LoopGoal goal, const TriangleRule& rule,
-                 TriangleTag tag, LoopEffort effort) {
-  LoopSolver solver(mesh, loop, goal);
+/// Whether an edge has no third vertex with which it would make a triangle: then nothing closes the loop.
+bool has_edge_without_triangle(const TriangleCheck& check, const Loop& loop, const TriangleRule& rule) {
+  const std::size_t n = loop.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    bool is_found = false;
+    for (std::size_t step = 1; step + 1 < n && !is_found; ++step) {
+      // Vertices near along the loop first, from both sides: most triangles have one of them.
+      const std::size_t away = (step + 1) / 2;
+      const std::size_t k = (step % 2 == 1 ? i + 1 + away : i + n - away) % n;
+      is_found = check.may_fit({loop[(i + 1) % n], loop[i], loop[k]}, rule);
+    }
+    if (!is_found) return true;
+  }
+  return false;
+}
+
+/// Returns how many triangles it took; 0: nothing has changed.
+std::size_t add_triangulation(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, LoopGoal goal,
+                              Remainder remainder, const TriangleRule& rule, TriangleTag tag, LoopEffort effort) {
+  if (remainder == Remainder::kNone && has_edge_without_triangle(check, loop, rule)) return 0;
+  LoopSolver solver(mesh, loop, goal, remainder);
   const std::size_t attempts =
       std::clamp<std::size_t>(6000 / loop.size(), 30, 300) / (effort == LoopEffort::kQuick ? 4 : 1);
   for (std::size_t attempt = 0; attempt < attempts; ++attempt) {
     const auto triangles = solver.solve();
-    if (triangles.empty()) return false;
-    if (try_to_add(mesh, check, solver, triangles, rule, tag)) return true;
+    if (triangles.empty()) return 0;
+    if (try_to_add(mesh, check, solver, triangles, rule, tag)) return triangles.size();
   }
-  return false;
+  return 0;
+}
+
+bool close_whole(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, LoopGoal goal, const TriangleRule& rule,
+                 TriangleTag tag, LoopEffort effort) {
+  return add_triangulation(mesh, check, loop, goal, Remainder::kNone, rule, tag, effort) > 0;
 }
 
 /// Cuts corners of a loop until `target` are left or none can be cut; the sharpest first.
@@ -227,6 +301,12 @@ class EarCutter {
 };
 
 }  // namespace
+
+std::size_t fill_loop(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, LoopGoal goal, const TriangleRule& rule,
+                      TriangleTag tag) {
+  if (loop.size() < 3 || loop.size() > kLargestWhole) return 0;
+  return add_triangulation(mesh, check, loop, goal, Remainder::kAllowed, rule, tag, LoopEffort::kThorough);
+}
 
 std::size_t cut_ears(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, const TriangleRule& rule,
                      TriangleTag tag) {

@@ -65,7 +65,7 @@ TriangleCheck::TriangleCheck(LiveMesh& mesh, std::span<const Eigen::Vector3f> ve
 }
 
 bool TriangleCheck::is_valid(const Triangle& t, const TriangleRule& rule) const {
-  return does_fit(t, rule) && (!condition_ || condition_(t)) && is_clear(t, rule);
+  return may_fit(t, rule) && is_clear(t, rule);
 }
 
 bool TriangleCheck::does_fit(const Triangle& t, const TriangleRule& rule) const {
