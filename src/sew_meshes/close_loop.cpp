@@ -35,12 +35,10 @@ class LoopSolver {
  public:
   LoopSolver(const LiveMesh& mesh, const Loop& loop, LoopGoal goal, Remainder remainder)
       : mesh_(mesh), loop_(loop), n_(loop.size()), goal_(goal), remainder_(remainder), position_(n_), across_(n_) {
-    along_m_.assign(n_, 0);
     for (std::size_t i = 0; i < n_; ++i) {
       position_[i] = mesh.position(loop[i]).cast<double>();
       across_[i] = mesh.area_normal(mesh.find(loop[i], loop[(i + 1) % n_])).stableNormalized().cast<float>();
     }
-    for (std::size_t i = 1; i < n_; ++i) along_m_[i] = along_m_[i - 1] + (position_[i] - position_[i - 1]).norm();
     mark_existing_edges();
     best_.assign(n_ * n_, Cost{});
     split_.assign(n_ * n_, 0);
@@ -51,6 +49,10 @@ class LoopSolver {
       normal_[i * n_ + i + 1] = across_[i];
     }
     for (std::size_t i = 0; i + 2 < n_; ++i) is_stale_[i * n_ + i + 2] = 1;
+    if (remainder_ == Remainder::kAllowed) {
+      way_.assign(n_ * n_, {});
+      for (std::size_t i = 0; i + 1 < n_; ++i) way_[i * n_ + i + 1] = {distance(i, i + 1), i + 1};
+    }
   }
 
   /// Places in the loop (k, i, j) of each triangle; empty: there is no triangulation left. Chains that contain nothing
@@ -72,7 +74,10 @@ class LoopSolver {
       chains.pop_back();
       if (j - i < 2) continue;
       const std::size_t k = split_[i * n_ + j];
-      if (k == kOpen) continue;
+      if (k == kOpen) {
+        follow_way(i, j, chains);
+        continue;
+      }
       triangles.push_back({k, i, j});
       chains.emplace_back(i, k);
       chains.emplace_back(k, j);
@@ -114,11 +119,19 @@ class LoopSolver {
   }
 
   void solve_chain(std::size_t i, std::size_t j) {
-    if (is_edge_[i * n_ + j]) return;
+    const bool may_stay_open = remainder_ == Remainder::kAllowed;
+    if (may_stay_open) find_way(i, j);
+    if (is_edge_[i * n_ + j]) {
+      best_[i * n_ + j] = {};
+      return;
+    }
     const bool is_outline = i == 0 && j + 1 == n_;
     Cost& best = best_[i * n_ + j];
     best = {};
-    if (remainder_ == Remainder::kAllowed) leave_open(i, j);
+    if (may_stay_open) {
+      best = {way_[i * n_ + j].open_m + distance(i, j), 0, 0};
+      split_[i * n_ + j] = kOpen;
+    }
     for (std::size_t k = i + 1; k < j; ++k) {
       const Cost &left = best_[i * n_ + k], &right = best_[k * n_ + j];
       Cost cost = {left.open_m + right.open_m, std::max(left.worst, right.worst), left.sum + right.sum};
@@ -147,11 +160,37 @@ class LoopSolver {
     }
   }
 
-  /// What is left is the chain, and the edge that it ends in.
-  void leave_open(std::size_t i, std::size_t j) {
-    const double length = along_m_[j] - along_m_[i] + (position_[j] - position_[i]).norm();
-    best_[i * n_ + j] = {float(length), 0, 0};
-    split_[i * n_ + j] = kOpen;
+  float distance(std::size_t i, std::size_t j) const { return float((position_[j] - position_[i]).norm()); }
+
+  /// The outline that is left of a chain whose end edge has a hole behind it: from vertex to vertex along the loop, or
+  /// across parts of it that are filled.
+  struct Way {
+    float open_m = 0;       ///< in all, with what is left within the filled parts
+    std::size_t first = 0;  ///< where its first part ends
+  };
+
+  void find_way(std::size_t i, std::size_t j) {
+    Way& way = way_[i * n_ + j];
+    way = {std::numeric_limits<float>::infinity(), i + 1};
+    for (std::size_t k = i + 1; k < j; ++k) {
+      const float part_m = k == i + 1 ? distance(i, k) : distance(i, k) + best_[i * n_ + k].open_m;
+      const Way& rest = way_[k * n_ + j];
+      const float rest_m = j == k + 1 ? rest.open_m : std::min(rest.open_m, distance(k, j) + best_[k * n_ + j].open_m);
+      if (part_m + rest_m < way.open_m) way = {part_m + rest_m, k};
+    }
+  }
+
+  /// Adds the filled parts along the way to the chains.
+  void follow_way(std::size_t i, std::size_t j, std::vector<std::pair<std::size_t, std::size_t>>& chains) const {
+    for (std::size_t k = way_[i * n_ + j].first;; k = way_[i * n_ + j].first) {
+      chains.emplace_back(i, k);
+      i = k;
+      if (j <= i + 1) return;
+      if (distance(i, j) + best_[i * n_ + j].open_m < way_[i * n_ + j].open_m) {
+        chains.emplace_back(i, j);
+        return;
+      }
+    }
   }
 
   static constexpr std::size_t kOpen = std::numeric_limits<std::size_t>::max();
@@ -162,12 +201,12 @@ class LoopSolver {
   LoopGoal goal_;
   Remainder remainder_;
   std::vector<Eigen::Vector3d> position_;
-  std::vector<double> along_m_;          // length of the loop from its first vertex to each
   std::vector<Eigen::Vector3f> across_;  // of each edge, the unit normal of the triangle on its other side
   std::vector<std::uint8_t> is_edge_;
   std::vector<Cost> best_;
   std::vector<std::size_t> split_;
   std::vector<Eigen::Vector3f> normal_;
+  std::vector<Way> way_;
   std::vector<std::uint8_t> is_stale_;
   std::unordered_set<std::uint64_t> forbidden_;  // membership only
 };

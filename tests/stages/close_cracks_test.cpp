@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 
 #include "lapseam/context.h"
 #include "lapseam/error.h"
@@ -101,6 +102,39 @@ TEST(CloseCracks, CornersOfLongOutlinesAreFilled) {
   EXPECT_GT(report.corners_filled, 0u);
   EXPECT_GT(area_of(joined.mesh), before);
   expect_valid_mesh(joined.mesh);
+}
+
+TEST(CloseCracks, SlitBetweenLargeTrianglesIsClosedThoughNothingGoesOnFarBeyondIt) {
+  Context context(2);
+  View view = test::make_view("v", test::small_camera(), test::look_at({0, 0, 2}, {0, 0, 0}),
+                              test::plane({0, 0, 0}, {0, 0, 1}));
+  // Half a side of the large triangles beyond the slit nothing is measured.
+  for (int v = 0; v < view.range.height; ++v)
+    for (int u = 0; u < view.range.width; ++u)
+      if (v <= 32 || v >= 88) view.range.at(u, v) = kInvalidRange;
+  const std::vector<Patch> patches = {test::make_patch(view, kNoise, context)};
+  Mesh mesh;
+  const std::array<std::array<int, 2>, 8> pixels = {
+      {{20, 34}, {100, 34}, {100, 86}, {20, 86}, {30, 59}, {90, 59}, {90, 61}, {30, 61}}};
+  for (const auto& [u, v] : pixels) {
+    const Eigen::Vector3d p = view.T_world_view * unproject(view.sensor, u, v, double(view.range.at(u, v)));
+    mesh.positions_m.push_back(p.cast<float>());
+    mesh.vertex_view.push_back(0);
+    mesh.vertex_pixel.push_back(std::uint32_t(v * view.range.width + u));
+  }
+  for (std::uint32_t i = 0; i < 4; ++i) {
+    const std::uint32_t j = (i + 1) % 4;
+    mesh.triangles.push_back({j, i, 4 + i});
+    mesh.triangles.push_back({j, 4 + i, 4 + j});
+  }
+  mesh.triangle_view.assign(mesh.triangle_count(), 0);
+  mesh.triangle_tag.assign(mesh.triangle_count(), TriangleTag::kMeasured);
+  ASSERT_EQ(check_health(mesh, {}, context).boundary_loops, 2u);
+  const CloseCracksReport report = close_cracks(mesh, patches, {}, context);
+  EXPECT_EQ(report.crack_loops, 0u);
+  EXPECT_EQ(report.loops_closed, 1u);
+  EXPECT_EQ(check_health(mesh, {}, context).boundary_loops, 1u);
+  expect_valid_mesh(mesh);
 }
 
 TEST(CloseCracks, WhatNobodyMeasuredStaysOpen) {
