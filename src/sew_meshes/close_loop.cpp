@@ -121,13 +121,10 @@ class LoopSolver {
   void solve_chain(std::size_t i, std::size_t j) {
     const bool may_stay_open = remainder_ == Remainder::kAllowed;
     if (may_stay_open) find_way(i, j);
-    if (is_edge_[i * n_ + j]) {
-      best_[i * n_ + j] = {};
-      return;
-    }
-    const bool is_outline = i == 0 && j + 1 == n_;
     Cost& best = best_[i * n_ + j];
     best = {};
+    if (is_edge_[i * n_ + j]) return;
+    const bool is_outline = i == 0 && j + 1 == n_;
     if (may_stay_open) {
       best = {way_[i * n_ + j].open_m + distance(i, j), 0, 0};
       split_[i * n_ + j] = kOpen;
@@ -173,9 +170,8 @@ class LoopSolver {
     Way& way = way_[i * n_ + j];
     way = {std::numeric_limits<float>::infinity(), i + 1};
     for (std::size_t k = i + 1; k < j; ++k) {
-      const float part_m = k == i + 1 ? distance(i, k) : distance(i, k) + best_[i * n_ + k].open_m;
-      const Way& rest = way_[k * n_ + j];
-      const float rest_m = j == k + 1 ? rest.open_m : std::min(rest.open_m, distance(k, j) + best_[k * n_ + j].open_m);
+      const float part_m = distance(i, k) + best_[i * n_ + k].open_m;
+      const float rest_m = std::min(way_[k * n_ + j].open_m, distance(k, j) + best_[k * n_ + j].open_m);
       if (part_m + rest_m < way.open_m) way = {part_m + rest_m, k};
     }
   }
