@@ -17,6 +17,7 @@ class Context;
 
 struct CloseCracksReport {
   std::uint64_t outline_slivers_removed = 0;    ///< at borders, along the rays of their view, or needles of seams
+  std::uint64_t seen_through_removed = 0;       ///< at borders, where most views measured what is behind
   std::uint64_t covered_triangles_removed = 0;  ///< at borders, over another layer of the same surface
   std::uint64_t crack_loops = 0;                ///< short loops of open edges along most of which the surface goes on
   std::uint64_t loops_closed = 0;
@@ -28,7 +29,8 @@ struct CloseCracksReport {
   std::uint64_t collapses = 0;           ///< short edges at the seam that were taken out for a better shape
 };
 
-/// The mesh's provenance counts the patches. Slivers at the border along the rays of their view go. A border triangle
+/// The mesh's provenance counts the patches. Slivers at the border along the rays of their view go. With a registration
+/// error, so does what at the border more views looked through than measured, within three times that error of what stays. A border triangle
 /// goes when the middle of another one that faces alike and shares no vertex with it lies over it within the noise of
 /// both: the surer stays. A loop of up to 128 open edges is closed by the flattest, then smallest triangulation that
 /// meets nothing (exact), that views about as sure as its corners confirm and no clearly surer one looked through: in

@@ -7,6 +7,7 @@
 #include "lapseam/sensor.h"
 #include "mend/crack_loops.h"
 #include "mend/outline_slivers.h"
+#include "mend/seen_through.h"
 #include "mend/trim.h"
 #include "patch/by_view.h"
 #include "sew_meshes/merged.h"
@@ -61,6 +62,7 @@ CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const
   CrackLoops cracks(live, check, layers, witnesses, patches, {error_m, samples.sigma_m}, report, context);
 
   report.outline_slivers_removed = remove_outline_slivers(live, witnesses, context);
+  report.seen_through_removed = remove_seen_through(live, check, witnesses, error_m, options, context);
   report.covered_triangles_removed = trim_double_layers(live, layers, context);
   cracks.close(kLongestLoop, kRule);
   cracks.close(kLongestSlit, kSlitRule);
@@ -83,6 +85,7 @@ CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const
 
 std::string to_json(const CloseCracksReport& report) {
   const nlohmann::ordered_json json = {{"outline_slivers_removed", report.outline_slivers_removed},
+                                       {"seen_through_removed", report.seen_through_removed},
                                        {"covered_triangles_removed", report.covered_triangles_removed},
                                        {"crack_loops", report.crack_loops},
                                        {"loops_closed", report.loops_closed},

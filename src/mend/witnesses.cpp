@@ -8,7 +8,9 @@ namespace {
 
 // A view that saw a surface is believed against one that looked through if its noise is at most so many times larger.
 constexpr float kBelievedFactor = 1.5f;
-constexpr float kClearanceFactor = 2;   // to be empty, space must be clearer than to be the same surface
+constexpr float kClearanceFactor = 2;  // to be empty, space must be clearer than to be the same surface
+// Where views vote, each is for what it is nearer to: a tolerance is twice what two views usually part by.
+constexpr float kVoteFactor = 0.5f;
 constexpr float kLowestCosine = 0.15f;  // 81°: beyond, a range says little of a surface
 
 }  // namespace
@@ -37,38 +39,61 @@ std::vector<std::uint32_t> Witnesses::find_views(const Eigen::Vector3f& center, 
 Hearing Witnesses::ask(std::span<const std::uint32_t> views, const Eigen::Vector3f& point,
                        const Eigen::Vector3f& normal, float error_m) const {
   Hearing hearing;
-  for (const std::uint32_t i : views) hear(canvases_[i], point, normal, error_m, hearing);
+  for (const std::uint32_t i : views) {
+    const ViewCanvas& canvas = canvases_[i];
+    const std::optional<Look> seen = look(canvas, point, normal, error_m);
+    if (!seen || seen->behind_m() < -seen->tolerance_m) continue;  // nothing, or hidden
+    const auto sigma = float(canvas.patch().noise.sigma(double(seen->measured_m)));
+    if (seen->cosine > 0 && canvas.compare(seen->at, error_m) == Agreement::kAgrees)
+      hearing.surface_sigma_m = std::min(hearing.surface_sigma_m, sigma);
+    else if (is_looked_through(canvas, *seen, error_m, kClearanceFactor))
+      hearing.empty_sigma_m = std::min(hearing.empty_sigma_m, sigma);
+  }
   return hearing;
 }
 
-void Witnesses::hear(const ViewCanvas& canvas, const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
-                     float error_m, Hearing& hearing) const {
-  const CanvasPoint at = canvas.project(point);
-  if (!at.is_in) return;
-  const Patch& patch = canvas.patch();
-  const int u = std::clamp(int(std::lround(at.u)), 0, canvas.width() - 1);
-  const int v = std::clamp(int(std::lround(at.v)), 0, canvas.height() - 1);
-  const std::size_t pixel = canvas.pixel(u, v);
-  if (!(patch.confidence.pixels[pixel] > 0)) return;
-  const float measured = patch.view.range.pixels[pixel], behind = measured - at.r;
-  const float tolerance = canvas.tolerance(pixel, error_m);
-  if (behind < -tolerance) return;  // hidden
-  const auto sigma = float(patch.noise.sigma(double(measured)));
-  const Eigen::Vector3f ray = canvas.ray_to(point).normalized();
-  const float cosine = -normal.dot(ray);
-  if (cosine > 0 && canvas.compare(at, error_m) == Agreement::kAgrees) {
-    hearing.surface_sigma_m = std::min(hearing.surface_sigma_m, sigma);
-    return;
+ViewCount Witnesses::count(std::span<const std::uint32_t> views, const Eigen::Vector3f& point,
+                           const Eigen::Vector3f& normal, float error_m) const {
+  ViewCount count;
+  for (const std::uint32_t i : views) {
+    const std::optional<Look> seen = look(canvases_[i], point, normal, error_m);
+    if (!seen) continue;
+    const float limit = kVoteFactor * seen->tolerance_m;
+    if (std::abs(seen->behind_m()) <= limit)
+      count.surface += seen->cosine > 0;
+    else if (seen->behind_m() > limit)
+      count.empty += is_looked_through(canvases_[i], *seen, error_m, kVoteFactor);
   }
-  if (std::abs(cosine) < kLowestCosine) return;  // along the surface: a miss by a hair says nothing
-  if (u < 1 || v < 1 || u + 1 >= canvas.width() || v + 1 >= canvas.height()) return;
+  return count;
+}
+
+std::optional<Witnesses::Look> Witnesses::look(const ViewCanvas& canvas, const Eigen::Vector3f& point,
+                                               const Eigen::Vector3f& normal, float error_m) const {
+  Look look;
+  look.at = canvas.project(point);
+  if (!look.at.is_in) return {};
+  look.u = std::clamp(int(std::lround(look.at.u)), 0, canvas.width() - 1);
+  look.v = std::clamp(int(std::lround(look.at.v)), 0, canvas.height() - 1);
+  look.pixel = canvas.pixel(look.u, look.v);
+  if (!(canvas.patch().confidence.pixels[look.pixel] > 0)) return {};
+  look.measured_m = canvas.patch().view.range.pixels[look.pixel];
+  look.tolerance_m = canvas.tolerance(look.pixel, error_m);
+  look.cosine = -normal.dot(canvas.ray_to(point).normalized());
+  return look;
+}
+
+bool Witnesses::is_looked_through(const ViewCanvas& canvas, const Look& look, float error_m, float clearance) {
+  if (std::abs(look.cosine) < kLowestCosine) return false;  // along the surface: a miss by a hair says nothing
+  const int u = look.u, v = look.v;
+  if (u < 1 || v < 1 || u + 1 >= canvas.width() || v + 1 >= canvas.height()) return false;
   for (int dv = -1; dv <= 1; ++dv)
     for (int du = -1; du <= 1; ++du) {
       const std::size_t beside = canvas.pixel(u + du, v + dv);
-      if (!(patch.confidence.pixels[beside] > 0)) return;
-      if (patch.view.range.pixels[beside] - at.r < kClearanceFactor * canvas.tolerance(beside, error_m)) return;
+      if (!(canvas.patch().confidence.pixels[beside] > 0)) return false;
+      if (canvas.patch().view.range.pixels[beside] - look.at.r < clearance * canvas.tolerance(beside, error_m))
+        return false;
     }
-  hearing.empty_sigma_m = std::min(hearing.empty_sigma_m, sigma);
+  return true;
 }
 
 bool Witnesses::is_edge_on(std::uint32_t view, const Eigen::Vector3f& point, const Eigen::Vector3f& normal) const {

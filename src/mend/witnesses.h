@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -25,6 +26,12 @@ struct Hearing {
   bool is_surface() const { return surface_sigma_m < std::numeric_limits<float>::infinity() && !is_empty(); }
 };
 
+/// How many views say what of a place, each counting alike.
+struct ViewCount {
+  std::uint32_t surface = 0;  ///< measured a surface here that faces them
+  std::uint32_t empty = 0;    ///< looked through here, from either side
+};
+
 /// Answers are const and thread-safe. The patches must outlive it.
 class Witnesses {
  public:
@@ -35,14 +42,32 @@ class Witnesses {
   /// normal: unit, of the surface that is asked about. error_m: how far it may be off along it.
   Hearing ask(std::span<const std::uint32_t> views, const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
               float error_m) const;
+  /// The same question, put to the vote: what a view measured farther off than half of what noise and poses may do is
+  /// not this surface. Ranges count as they are, also beside steps.
+  ViewCount count(std::span<const std::uint32_t> views, const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
+                  float error_m) const;
   /// Whether a view looks along a surface, so that its ranges say little of it. normal: unit, to either side.
   bool is_edge_on(std::uint32_t view, const Eigen::Vector3f& point, const Eigen::Vector3f& normal) const;
   /// Noise of the sample that a vertex was made from, along its ray.
   float sigma_of(std::uint32_t view, std::uint32_t pixel) const;
 
  private:
-  void hear(const ViewCanvas& canvas, const Eigen::Vector3f& point, const Eigen::Vector3f& normal, float error_m,
-            Hearing& hearing) const;
+  // A place in a view.
+  struct Look {
+    CanvasPoint at;
+    int u = 0, v = 0;  // of the pixel
+    std::size_t pixel = 0;
+    float measured_m = 0;   // range
+    float tolerance_m = 0;  // along the ray
+    float cosine = 0;       // of the ray to the normal that is asked about; positive: faces the view
+    float behind_m() const { return measured_m - at.r; }
+  };
+
+  /// Nothing where the view measured nothing.
+  std::optional<Look> look(const ViewCanvas& canvas, const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
+                           float error_m) const;
+  /// Whether all around lies behind the place by more than so many tolerances.
+  static bool is_looked_through(const ViewCanvas& canvas, const Look& look, float error_m, float clearance);
 
   std::span<const Patch> patches_;
   std::vector<ViewCanvas> canvases_;

@@ -1,11 +1,13 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <set>
 
 #include "health/self_intersection.h"
 #include "lapseam/context.h"
 #include "lapseam/health.h"
 #include "mend/extend_outlines.h"
+#include "mend/seen_through.h"
 #include "mend/untangle.h"
 #include "support/analytic_views.h"
 #include "support/expect_valid_mesh.h"
@@ -130,6 +132,74 @@ TEST(ExtendOutlines, WhereTheSurfaceGoesOnNothingMoves) {
   const std::vector<Eigen::Vector3f> before = joined.mesh.positions_m;
   EXPECT_GT(extend_outlines(joined.mesh, joined.patches, {}, 0, context), 0u);
   for (const std::uint32_t v : around) EXPECT_EQ(joined.mesh.positions_m[v], before[v]);
+}
+
+// A plate over a floor as five views see it; the first one's pose is 80 mm off, and its mesh with it.
+class RemoveSeenThrough : public testing::Test {
+ protected:
+  void see(double half_width_m) {
+    const test::Shape scene = test::nearest(
+        {test::plane({0, 0, 0}, {0, 0, 1}), test::rectangle(0.6, -half_width_m, half_width_m, -0.3, 0.3)});
+    std::vector<View> views;
+    for (const double y : {0.0, -0.2, -0.1, 0.1, 0.2})
+      views.push_back(test::make_view("v", test::small_camera(), test::look_at({0.01, y, 2}, {0.01, 0.02, 0}), scene));
+    views[0].T_world_view.pretranslate(Eigen::Vector3d(kOff_m, 0, 0));
+    mesh_ = test::join({views[0]}, kNoise, context_).mesh;
+    for (const View& view : views) patches_.push_back(test::make_patch(view, kNoise, context_));
+    pitch_m_ = 1.4f * (patches_[0].rays->directions[1] - patches_[0].rays->directions[0]).norm();
+  }
+
+  std::uint64_t remove(double registration_error_m) {
+    const OverlapOptions options{.registration_error_m = registration_error_m};
+    const std::vector<float> errors(mesh_.vertex_count(), 0.002f);
+    LiveMesh live(mesh_);
+    const TriangleCheck check(live, {}, context_);
+    const Witnesses witnesses(patches_, mesh_.origin_m, options);
+    const std::uint64_t removed = remove_seen_through(live, check, witnesses, errors, options, context_);
+    mesh_ = compact(mesh_, live.alive());
+    return removed;
+  }
+
+  // Of the plate, along x.
+  float end() const {
+    float farthest = -9;
+    for (const Triangle& t : mesh_.triangles)
+      for (const std::uint32_t v : t)
+        if (mesh_.positions_m[v].z() > 0.5f) farthest = std::max(farthest, mesh_.positions_m[v].x());
+    return farthest;
+  }
+
+  static constexpr double kOff_m = 0.08;
+  Context context_{2};
+  Mesh mesh_;
+  std::vector<Patch> patches_;
+  float pitch_m_ = 0;
+};
+
+TEST_F(RemoveSeenThrough, ARimEndsWhereItDoesForMostViews) {
+  see(0.2);
+  ASSERT_NEAR(end(), 0.28f, pitch_m_);
+  EXPECT_GT(remove(0.04), 10u);
+  EXPECT_NEAR(end(), 0.2f, 2 * pitch_m_);
+  expect_valid_mesh(mesh_);
+  EXPECT_EQ(remove(0.04), 0u);
+}
+
+TEST_F(RemoveSeenThrough, AThingThinnerThanPosesAreOffStays) {
+  see(0.02);
+  const auto count = [&] {
+    return std::count_if(mesh_.triangles.begin(), mesh_.triangles.end(),
+                         [&](const Triangle& t) { return mesh_.positions_m[t[0]].z() > 0.5f; });
+  };
+  const auto before = count();
+  ASSERT_GT(before, 20);
+  remove(0.02);
+  EXPECT_EQ(count(), before);
+}
+
+TEST_F(RemoveSeenThrough, WithoutARegistrationErrorNothingGoes) {
+  see(0.2);
+  EXPECT_EQ(remove(0), 0u);
 }
 
 }  // namespace
