@@ -30,15 +30,15 @@ struct CloseCracksReport {
 };
 
 /// The mesh's provenance counts the patches. Slivers at the border along the rays of their view go. With a registration
-/// error, so does what at the border more views looked through than measured, within three times that error of what stays. A border triangle
-/// goes when the middle of another one that faces alike and shares no vertex with it lies over it within the noise of
-/// both: the surer stays. A loop of up to 128 open edges is closed by the flattest, then smallest triangulation that
-/// meets nothing (exact), that views about as sure as its corners confirm and no clearly surer one looked through: in
-/// the middle of each triangle where some view measured a surface beyond most of the loop's length, everywhere else.
-/// Where there is none, up to four rings of triangles around the hole are replaced, unless measured surface would be
-/// lost; where that does not help, as much of the loop is filled as can be, and corners are. No vertex is made or
-/// moved; the mesh stays edge-manifold and oriented, and no new triangle meets another. Same result for any number of
-/// threads. Throws Cancelled.
+/// error, so does what at the border more views looked through than measured, within three times that error of what
+/// stays. A border triangle goes when the middle of another one that faces alike and shares no vertex with it lies over
+/// it within the noise of both: the surer stays. A loop of up to 128 open edges is closed by the flattest, then
+/// smallest triangulation that meets nothing (exact), that views about as sure as its corners confirm and no clearly
+/// surer one looked through: in the middle of each triangle where some view measured a surface beyond most of the
+/// loop's length, everywhere else. Where there is none, up to four rings of triangles around the hole are replaced,
+/// unless measured surface would be lost; where that does not help, as much of the loop is filled as can be, and
+/// corners are. No vertex is made or moved; the mesh stays edge-manifold and oriented, and no new triangle meets
+/// another. Same result for any number of threads. Throws Cancelled.
 CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const OverlapOptions& options,
                                Context& context);
 
