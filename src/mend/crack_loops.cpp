@@ -56,7 +56,7 @@ void CrackLoops::fill(const TriangleRule& rule) {
 }
 
 std::vector<CrackLoops::Judged> CrackLoops::judged_loops(std::size_t longest) const {
-  std::vector<Loop> loops = trace_loops(mesh_, open_edges(mesh_));
+  std::vector<Loop> loops = trace_loops(mesh_, open_edges(mesh_, context_));
   std::erase_if(loops, [&](const Loop& loop) { return loop.size() > longest; });
   std::vector<Judged> judged(loops.size());
   parallel_for(context_, loops.size(), 4, [&](std::size_t i) {
@@ -289,7 +289,7 @@ void CrackLoops::fill_corners(const TriangleRule& rule) {
   check_.set_condition([&](const Triangle& t) {
     return !is_contradicted(t, views_of(t), Confirmed::kInTheMiddle) && !layers_.is_covered(t, Layers::Places::kSpread);
   });
-  for (const Loop& loop : trace_loops(mesh_, open_edges(mesh_))) {
+  for (const Loop& loop : trace_loops(mesh_, open_edges(mesh_, context_))) {
     context_.throw_if_cancelled();
     relieve(patches_.front());
     if (is_open(loop)) report_.corners_filled += cut_ears(mesh_, check_, loop, rule, TriangleTag::kSeam);

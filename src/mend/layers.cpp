@@ -5,12 +5,13 @@
 #include <array>
 #include <cmath>
 
+#include "patch/same_surface.h"
+
 namespace lapseam {
 namespace {
 
 // Surfaces that face apart by more are two sides of a sheet, or meet in a crease.
 constexpr double kSameLayerCosine = 0.5;
-constexpr double kRegistrationFactor = 2;  // twice the median disagreement covers most of it
 // Where views are bent against each other by more than noise and registration, their surfaces part. Two that face alike
 // have the back of the upper one between them: nearer together than two samples, no view has measured that.
 constexpr double kResolvedSpacings = 2;
@@ -43,7 +44,7 @@ float Layers::error_of(const Triangle& t) const { return largest_of(resolution_.
 
 double Layers::thickness_m(const Triangle& t) const {
   const double noise =
-      options_.noise_factor * double(error_of(t)) + kRegistrationFactor * options_.registration_error_m;
+      options_.noise_factor * double(error_of(t)) + double(kRegistrationFactor) * options_.registration_error_m;
   return std::max(noise, kResolvedSpacings * double(largest_of(resolution_.spacing_m, t)));
 }
 

@@ -4,26 +4,20 @@
 #include <array>
 #include <vector>
 
-#include "core/parallel.h"
+#include "mend/living_triangles.h"
 
 namespace lapseam {
 namespace {
 
 constexpr double kNeedleSine = 0.342;   // 20°: sticks out, with two open edges
 constexpr double kSliverSine = 0.0523;  // 3°: along the border
-constexpr std::size_t kBlock = 4096;
 
 class Slivers {
  public:
   Slivers(LiveMesh& mesh, const Witnesses& witnesses) : mesh_(mesh), witnesses_(witnesses) {}
 
   std::uint64_t run(Context& context) {
-    std::vector<std::uint8_t> is_doomed(mesh_.triangle_count(), 0);
-    parallel_for(context, is_doomed.size(), kBlock,
-                 [&](std::size_t t) { is_doomed[t] = mesh_.is_alive(std::uint32_t(t)) && is_one(std::uint32_t(t)); });
-    std::vector<std::uint32_t> doomed;
-    for (std::uint32_t t = 0; t < is_doomed.size(); ++t)
-      if (is_doomed[t]) doomed.push_back(t);
+    std::vector<std::uint32_t> doomed = living_triangles(mesh_, context, [&](std::uint32_t t) { return is_one(t); });
     std::uint64_t removed = 0;
     while (!doomed.empty()) {
       const std::uint32_t t = doomed.back();

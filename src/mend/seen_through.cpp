@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/parallel.h"
+#include "mend/living_triangles.h"
 #include "spatial/ray_scene.h"
 
 namespace lapseam {
@@ -41,9 +42,9 @@ class Rims {
  private:
   // Ring by ring, as long as what is at the border is seen through. In rising order.
   std::vector<std::uint32_t> find_doomed(Context& context) {
-    std::vector<std::uint32_t> doomed, front;
-    for (std::uint32_t t = 0; t < mesh_.triangle_count(); ++t)
-      if (mesh_.is_alive(t) && is_at_border(t)) front.push_back(t);
+    std::vector<std::uint32_t> doomed;
+    std::vector<std::uint32_t> front =
+        living_triangles(mesh_, context, [&](std::uint32_t t) { return is_at_border(t); });
     while (!front.empty()) {
       parallel_for(context, front.size(), kTrianglesAtOnce,
                    [&](std::size_t i) { fates_[front[i]] = is_seen_through(front[i]) ? Fate::kGoes : Fate::kStays; });

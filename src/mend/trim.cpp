@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/parallel.h"
+#include "mend/living_triangles.h"
 
 namespace lapseam {
 namespace {
@@ -19,9 +20,8 @@ class Trimmer {
   Trimmer(LiveMesh& mesh, const Layers& layers) : mesh_(mesh), layers_(layers) {}
 
   std::uint64_t run(Context& context) {
-    std::vector<std::uint32_t> front;
-    for (std::uint32_t t = 0; t < mesh_.triangle_count(); ++t)
-      if (mesh_.is_alive(t) && is_at_border(t)) front.push_back(t);
+    std::vector<std::uint32_t> front =
+        living_triangles(mesh_, context, [&](std::uint32_t t) { return is_at_border(t); });
     std::uint64_t removed = 0;
     for (int ring = 0; ring < kMostRings && !front.empty(); ++ring) {
       std::vector<std::uint8_t> covered(front.size(), 0);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "patch/same_surface.h"
+
 namespace lapseam {
 namespace {
 
@@ -11,7 +13,6 @@ constexpr float kBelievedFactor = 1.5f;
 constexpr float kClearanceFactor = 2;  // to be empty, space must be clearer than to be the same surface
 // Where views vote, each is for what it is nearer to: a tolerance is twice what two views usually part by.
 constexpr float kVoteFactor = 0.5f;
-constexpr float kLowestCosine = 0.15f;  // 81°: beyond, a range says little of a surface
 
 }  // namespace
 
@@ -83,7 +84,7 @@ std::optional<Witnesses::Look> Witnesses::look(const ViewCanvas& canvas, const E
 }
 
 bool Witnesses::is_looked_through(const ViewCanvas& canvas, const Look& look, float error_m, float clearance) {
-  if (std::abs(look.cosine) < kLowestCosine) return false;  // along the surface: a miss by a hair says nothing
+  if (std::abs(look.cosine) < kGrazingCosine) return false;  // along the surface: a miss by a hair says nothing
   const int u = look.u, v = look.v;
   if (u < 1 || v < 1 || u + 1 >= canvas.width() || v + 1 >= canvas.height()) return false;
   for (int dv = -1; dv <= 1; ++dv)
@@ -97,7 +98,7 @@ bool Witnesses::is_looked_through(const ViewCanvas& canvas, const Look& look, fl
 }
 
 bool Witnesses::is_edge_on(std::uint32_t view, const Eigen::Vector3f& point, const Eigen::Vector3f& normal) const {
-  return std::abs(normal.dot(canvases_[view].ray_to(point).normalized())) < kLowestCosine;
+  return std::abs(normal.dot(canvases_[view].ray_to(point).normalized())) < kGrazingCosine;
 }
 
 float Witnesses::sigma_of(std::uint32_t view, std::uint32_t pixel) const {

@@ -10,16 +10,15 @@
 #include "core/spill_file.h"
 #include "lapseam/mesh.h"
 #include "overlap/view_projection.h"
+#include "patch/same_surface.h"
 #include "patch/wide_normal.h"
 
 namespace lapseam {
 namespace {
 
-constexpr float kRegistrationFactor = 2.0f;  // twice the median disagreement covers most of it
 // Surfaces this many tolerances apart are still one that the views disagree about: one of them must yield.
 constexpr float kDisagreement = 2.0f;
 constexpr float kClearanceFactor = 2.0f;  // to be empty, space must be clearer than to be the same surface
-constexpr float kLowestCosine = 0.15f;    // 81°: beyond, a range says nothing about a normal distance
 // Range images are smoothed: measurements of one spot differ by much less than the noise of a single sample. What
 // differs by more than this share of it does so because a view blurs an edge, and would blur the mean.
 constexpr float kConsensusGate = 0.5f;
@@ -96,14 +95,14 @@ float largest_tolerance(const Judge& judge, const Eigen::Vector3f& center, const
   return (kDisagreement *
               (float(options.noise_factor) * sigma + kRegistrationFactor * float(options.registration_error_m)) +
           judge.spacing_per_m * there) /
-         kLowestCosine;
+         kGrazingCosine;
 }
 
 // Unit of the shift along a sample's ray, which is kept until those of all samples are known. None is over eight times
 // what the sample may be off by.
 float shift_unit_m(const Patch& patch, std::size_t pixel, double registration_error_m) {
   constexpr double kUnits = 4000;
-  const float cosine = std::max(kLowestCosine, float(patch.incidence.pixels[pixel]) / 255);
+  const float cosine = std::max(kGrazingCosine, float(patch.incidence.pixels[pixel]) / 255);
   return float(std::hypot(double(patch.sigma_across(pixel, cosine) / cosine), registration_error_m) / kUnits);
 }
 
@@ -192,7 +191,7 @@ class TileClaims {
 
   // Along the ray, to the mean of all views.
   float shift_of(const Sample& sample) const {
-    const float cosine = std::max(kLowestCosine, float(patch_.incidence.pixels[sample.pixel]) / 255);
+    const float cosine = std::max(kGrazingCosine, float(patch_.incidence.pixels[sample.pixel]) / 255);
     return sample.consensus_m / cosine;
   }
 
@@ -301,7 +300,7 @@ class TileClaims {
     const float registration = kRegistrationFactor * float(options_.registration_error_m);
     const float most = (kDisagreement * (float(options_.noise_factor) * (sigma + sample.error_m) + registration) +
                         judge.spacing_per_m * measured) /
-                       kLowestCosine;
+                       kGrazingCosine;
     return !(measured > seen.at.r - most);
   }
 
@@ -314,7 +313,7 @@ class TileClaims {
     const float registration = kRegistrationFactor * float(options_.registration_error_m);
     const std::uint8_t other_confidence = other.confidence.pixels[pixel];
     if (!(other_confidence > 0)) return;
-    const float cosine = std::max(kLowestCosine, float(other.incidence.pixels[pixel]) / 255);
+    const float cosine = std::max(kGrazingCosine, float(other.incidence.pixels[pixel]) / 255);
     const float own = other.sigma_across(pixel, cosine);
     const float variance = own * own + sample.error_m * sample.error_m;
     const float along_normal = float(options_.noise_factor) * std::sqrt(variance) + registration;
@@ -361,7 +360,7 @@ class TileClaims {
         const int u = other.grid.wraps ? ((x + dx) % w + w) % w : x + dx;
         const std::size_t pixel = other.confidence.index(u, y + dy);
         if (!(other.confidence.pixels[pixel] > 0)) return false;
-        const float cosine = std::max(kLowestCosine, float(other.incidence.pixels[pixel]) / 255);
+        const float cosine = std::max(kGrazingCosine, float(other.incidence.pixels[pixel]) / 255);
         const float measured = other.view.range.pixels[pixel];
         if (measured - r < clearance_m / cosine + kClearanceFactor * other.sigma_across(pixel, cosine) / cosine)
           return false;

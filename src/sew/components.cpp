@@ -1,6 +1,7 @@
 // Repairs that need only the topology: pinched vertices and stray pieces.
 
 #include <algorithm>
+#include <numeric>
 
 #include "core/disjoint_sets.h"
 #include "lapseam/sew.h"
@@ -15,15 +16,25 @@ struct EdgeSide {
   bool operator<(const EdgeSide& o) const { return edge != o.edge ? edge < o.edge : corner < o.corner; }
 };
 
+// By edge, then corner: dealt out by the lower vertex, which few edges share, and sorted there.
 std::vector<EdgeSide> sorted_edge_sides(const Mesh& mesh) {
-  std::vector<EdgeSide> sides;
-  sides.reserve(mesh.triangle_count() * 3);
-  for (std::uint32_t i = 0; i < mesh.triangle_count(); ++i)
-    for (std::uint32_t k = 0; k < 3; ++k) {
-      const std::uint64_t a = mesh.triangles[i][k], b = mesh.triangles[i][(k + 1) % 3];
-      sides.push_back({a < b ? a << 32 | b : b << 32 | a, 3 * i + k});
-    }
-  std::sort(sides.begin(), sides.end());
+  // Where each vertex's sides begin; once they are dealt out, where they end.
+  std::vector<std::uint32_t> end(mesh.vertex_count() + 1, 0);
+  const auto for_each_side = [&](const auto& visit) {
+    for (std::uint32_t i = 0; i < mesh.triangle_count(); ++i)
+      for (std::uint32_t k = 0; k < 3; ++k) {
+        const std::uint32_t a = mesh.triangles[i][k], b = mesh.triangles[i][(k + 1) % 3];
+        visit(std::min(a, b), std::max(a, b), 3 * i + k);
+      }
+  };
+  for_each_side([&](std::uint32_t low, std::uint32_t, std::uint32_t) { ++end[low + 1]; });
+  std::partial_sum(end.begin(), end.end(), end.begin());
+  std::vector<EdgeSide> sides(mesh.triangle_count() * 3);
+  for_each_side([&](std::uint32_t low, std::uint32_t high, std::uint32_t corner) {
+    sides[end[low]++] = {std::uint64_t(low) << 32 | high, corner};
+  });
+  for (std::size_t v = 0, begin = 0; v < mesh.vertex_count(); begin = end[v++])
+    std::sort(sides.begin() + std::ptrdiff_t(begin), sides.begin() + std::ptrdiff_t(end[v]));
   return sides;
 }
 

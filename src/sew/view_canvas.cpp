@@ -3,13 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "patch/same_surface.h"
+
 namespace lapseam {
-namespace {
-
-constexpr float kRegistrationFactor = 2.0f;  // twice the median disagreement covers most of it
-constexpr float kLowestCosine = 0.15f;       // 81°: beyond, a range says nothing about a normal distance
-
-}  // namespace
 
 ViewCanvas::ViewCanvas(const Patch& patch, const Eigen::Vector3d& origin_m, const OverlapOptions& options, int shift)
     : patch_(patch), options_(options), shift_(shift), width_(patch.grid.width), height_(patch.grid.height) {
@@ -62,14 +58,14 @@ float ViewCanvas::tolerance(std::size_t pixel, float error_m) const {
   const float own = patch_.sigma_across(pixel, cosine);
   const float along_normal = float(options_.noise_factor) * std::sqrt(own * own + error_m * error_m) +
                              kRegistrationFactor * float(options_.registration_error_m);
-  return along_normal / std::max(cosine, kLowestCosine);
+  return along_normal / std::max(cosine, kGrazingCosine);
 }
 
 float ViewCanvas::largest_tolerance(float range_m, float error_m) const {
   const float sigma = range_m > 0 ? float(patch_.noise.largest_across(double(range_m))) : 0.0f;
   return (float(options_.noise_factor) * (sigma + error_m) +
           kRegistrationFactor * float(options_.registration_error_m)) /
-         kLowestCosine;
+         kGrazingCosine;
 }
 
 float ViewCanvas::slope_slack(int u, int v) const {

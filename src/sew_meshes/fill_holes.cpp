@@ -88,7 +88,7 @@ FillHolesReport fill_holes(Mesh& mesh, const FillHolesOptions& options, Context&
   if (mesh.triangle_tag.empty()) mesh.triangle_tag.assign(mesh.triangle_count(), TriangleTag::kMeasured);
   LiveMesh live(mesh);
   const std::size_t given = live.triangle_count();
-  std::vector<Loop> holes = trace_loops(live, open_edges(live));
+  std::vector<Loop> holes = trace_loops(live, open_edges(live, context));
   const std::vector<std::uint8_t> is_longest = find_longest_loops(live, holes);
   for (std::size_t i = 0; i < holes.size(); ++i)
     if (is_longest[i] && is_rim(live, holes[i])) holes[i].clear();

@@ -15,7 +15,7 @@ namespace lapseam {
 using Loop = std::vector<std::uint32_t>;
 
 /// Open half-edges of living triangles, by triangle and corner.
-std::vector<std::array<std::uint32_t, 2>> open_edges(const LiveMesh& mesh);
+std::vector<std::array<std::uint32_t, 2>> open_edges(const LiveMesh& mesh, Context& context);
 
 /// The loops that the given open edges are part of. Where several fans touch in a vertex, a loop goes on along the hole
 /// that it came along; what it passes twice is cut off as a loop of its own.

@@ -4,10 +4,13 @@
 #include <unordered_map>
 #include <unordered_set>
 
+#include "core/parallel.h"
 #include "sew_meshes/loops.h"
 
 namespace lapseam {
 namespace {
+
+constexpr std::size_t kTrianglesAtOnce = 4096;
 
 std::uint64_t key(std::uint32_t a, std::uint32_t b) { return std::uint64_t(a) << 32 | b; }
 
@@ -70,15 +73,23 @@ class Tracer {
 
 }  // namespace
 
-std::vector<std::array<std::uint32_t, 2>> open_edges(const LiveMesh& mesh) {
-  std::vector<std::array<std::uint32_t, 2>> edges;
-  for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t) {
-    if (!mesh.is_alive(t)) continue;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint32_t a = mesh.triangle(t)[k], b = mesh.triangle(t)[(k + 1) % 3];
-      if (mesh.find(b, a) == kInvalidIndex) edges.push_back({a, b});
+std::vector<std::array<std::uint32_t, 2>> open_edges(const LiveMesh& mesh, Context& context) {
+  using Edges = std::vector<std::array<std::uint32_t, 2>>;
+  const std::size_t blocks = (mesh.triangle_count() + kTrianglesAtOnce - 1) / kTrianglesAtOnce;
+  std::vector<Edges> of_block(blocks);
+  parallel_blocks(context, mesh.triangle_count(), kTrianglesAtOnce, [&](std::size_t begin, std::size_t end) {
+    Edges& edges = of_block[begin / kTrianglesAtOnce];
+    for (std::size_t t = begin; t < end; ++t) {
+      if (!mesh.is_alive(std::uint32_t(t))) continue;
+      const Triangle& corners = mesh.triangle(std::uint32_t(t));
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::uint32_t a = corners[k], b = corners[(k + 1) % 3];
+        if (mesh.find(b, a) == kInvalidIndex) edges.push_back({a, b});
+      }
     }
-  }
+  });
+  Edges edges;
+  for (const Edges& some : of_block) edges.insert(edges.end(), some.begin(), some.end());
   return edges;
 }
 

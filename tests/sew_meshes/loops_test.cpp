@@ -26,16 +26,16 @@ Mesh slotted_sheet() {
   return mesh;
 }
 
-Loop slot_of(const LiveMesh& live) {
+Loop slot_of(const LiveMesh& live, Context& context) {
   Loop slot;
-  for (const Loop& loop : trace_loops(live, open_edges(live)))
+  for (const Loop& loop : trace_loops(live, open_edges(live, context)))
     if (slot.empty() || loop.size() < slot.size()) slot = loop;
   return slot;
 }
 
-double open_length(const LiveMesh& live) {
+double open_length(const LiveMesh& live, Context& context) {
   double sum = 0;
-  for (const auto& [a, b] : open_edges(live)) sum += double((live.position(b) - live.position(a)).norm());
+  for (const auto& [a, b] : open_edges(live, context)) sum += double((live.position(b) - live.position(a)).norm());
   return sum;
 }
 
@@ -52,7 +52,7 @@ TEST(FillLoop, AllOfALoopWhereEverythingIsAllowed) {
   Mesh mesh = slotted_sheet();
   LiveMesh live(mesh);
   TriangleCheck check(live, {}, context);
-  const Loop slot = slot_of(live);
+  const Loop slot = slot_of(live, context);
   ASSERT_EQ(slot.size(), 34u);
   EXPECT_EQ(fill_loop(live, check, slot, LoopGoal::kArea, kRule, TriangleTag::kSeam), slot.size() - 2);
   mesh = compact(mesh, live.alive());
@@ -65,11 +65,11 @@ TEST(FillLoop, LeavesTheLeastLengthOpen) {
   LiveMesh live(mesh);
   TriangleCheck check(live, {}, context);
   check.set_condition([&](const Triangle& t) { return keeps_out(mesh, t); });
-  const double rim = open_length(live) - 34 * 0.1;
-  ASSERT_FALSE(close_loop(live, check, slot_of(live), LoopGoal::kArea, kRule, TriangleTag::kSeam));
-  EXPECT_EQ(fill_loop(live, check, slot_of(live), LoopGoal::kArea, kRule, TriangleTag::kSeam), 28u);
+  const double rim = open_length(live, context) - 34 * 0.1;
+  ASSERT_FALSE(close_loop(live, check, slot_of(live, context), LoopGoal::kArea, kRule, TriangleTag::kSeam));
+  EXPECT_EQ(fill_loop(live, check, slot_of(live, context), LoopGoal::kArea, kRule, TriangleTag::kSeam), 28u);
   // Of the slot, the two squares at its middle stay open: nothing smaller contains the hole.
-  EXPECT_NEAR(open_length(live) - rim, 6 * 0.1, 1e-4);
+  EXPECT_NEAR(open_length(live, context) - rim, 6 * 0.1, 1e-4);
   mesh = compact(mesh, live.alive());
   const MeshHealth health = check_health(mesh, {.self_intersections = true}, context);
   EXPECT_EQ(health.boundary_loops, 2u);
@@ -84,7 +84,7 @@ TEST(FillLoop, ChangesNothingWhereNothingIsAllowed) {
   TriangleCheck check(live, {}, context);
   check.set_condition([](const Triangle&) { return false; });
   const std::size_t before = live.triangle_count();
-  EXPECT_EQ(fill_loop(live, check, slot_of(live), LoopGoal::kArea, kRule, TriangleTag::kSeam), 0u);
+  EXPECT_EQ(fill_loop(live, check, slot_of(live, context), LoopGoal::kArea, kRule, TriangleTag::kSeam), 0u);
   EXPECT_EQ(live.triangle_count(), before);
 }
 
