@@ -44,7 +44,7 @@ struct TextureReport {
   double displacement_before_px = 0, displacement_after_px = 0;
   std::uint64_t bent_images = 0;  ///< that had to be bent for it, beside what their cameras were moved
   /// Colour steps at all borders between images, between charts and within, levels: equalized alone, and with what
-  /// levelling has left, before pages are coded.
+  /// levelling has left, before pages are coded. Without levelling both are the same.
   double step_before = 0, step_before_p95 = 0;
   double step_after = 0, step_after_p95 = 0;
   /// Of these, those within charts, which nothing in the model shows.

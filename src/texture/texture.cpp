@@ -369,7 +369,7 @@ class Texturing {
       map_.emplace_back(page.width * kBlock_px, page.height * kBlock_px);
     }
     StageScope stage(context_, "texture: paint", sources_.size());
-    if (options_.level) levelling_ = std::make_unique<Levelling>(mesh_, charts_, edges_);
+    levelling_ = std::make_unique<Levelling>(mesh_, charts_, edges_);
     parallel_for(context_, charts_.charts.size(), 1, [&](std::size_t c) {
       const Chart& chart = charts_.charts[c];
       mark_parts(charts_, chart, map_[std::size_t(chart.place.page)]);
@@ -404,27 +404,19 @@ class Texturing {
         const auto page = std::size_t(charts_.charts[charts_.chart_of_triangle[i]].place.page);
         paint_triangle(mesh_, charts_, i, photograph, map_[page], mesh_.pages[page]);
       }
-    if (levelling_) levelling_->look(std::uint32_t(view), photograph);
+    levelling_->look(std::uint32_t(view), photograph);
   }
 
   void finish() {
     StageScope stage(context_, "texture: level");
-    if (levelling_) {
-      levelling_->solve(mesh_.pages, map_, context_);
+    levelling_->solve(mesh_.pages, map_, context_);
+    if (options_.level)
       parallel_for(context_, charts_.charts.size(), 1, [&](std::size_t c) {
         const Chart& chart = charts_.charts[c];
         correct_chart(chart, levelling_->correction_of(std::uint32_t(c)), mesh_.pages[std::size_t(chart.place.page)]);
       });
-      report_.step_before = levelling_->steps_before().median;
-      report_.step_before_p95 = levelling_->steps_before().p95;
-      report_.step_after = levelling_->steps_after().median;
-      report_.step_after_p95 = levelling_->steps_after().p95;
-      report_.inner_step_before = levelling_->inner_steps_before().median;
-      report_.inner_step_before_p95 = levelling_->inner_steps_before().p95;
-      report_.inner_step_after = levelling_->inner_steps_after().median;
-      report_.inner_step_after_p95 = levelling_->inner_steps_after().p95;
-      levelling_.reset();
-    }
+    report_steps();
+    levelling_.reset();
     map_.clear();
     set_texcoords();
     mesh_.colors.clear();
@@ -432,6 +424,21 @@ class Texturing {
     drop_pages();
     // Where a vertex is on a page too, that is the colour beside it.
     if (report_.vertex_colored_triangles > 0) color_vertices(mesh_, context_);
+  }
+
+  /// Where nothing is levelled, steps stay as they are.
+  void report_steps() {
+    const Levelling::Steps before = levelling_->steps_before(), inner_before = levelling_->inner_steps_before();
+    const Levelling::Steps after = options_.level ? levelling_->steps_after() : before;
+    const Levelling::Steps inner_after = options_.level ? levelling_->inner_steps_after() : inner_before;
+    report_.step_before = before.median;
+    report_.step_before_p95 = before.p95;
+    report_.step_after = after.median;
+    report_.step_after_p95 = after.p95;
+    report_.inner_step_before = inner_before.median;
+    report_.inner_step_before_p95 = inner_before.p95;
+    report_.inner_step_after = inner_after.median;
+    report_.inner_step_after_p95 = inner_after.p95;
   }
 
   /// Those of charts whose vertices have their colours now.

@@ -94,7 +94,7 @@ TEST(Equalize, AHighlightInOneViewCountsLittle) {
 TEST(Level, StepsAtBordersVanishEvenWhereExposuresDiffer) {
   Context context(2);
   Wall plain = make_wall(0), levelled = make_wall(0);
-  texture(plain.mesh, plain.sources, {.equalize = false, .level = false}, context);
+  const TextureReport as_is = texture(plain.mesh, plain.sources, {.equalize = false, .level = false}, context);
   const TextureReport report = texture(levelled.mesh, levelled.sources, {.equalize = false}, context);
   const ColorStepFigures before = measure_color_steps(plain.mesh, context);
   const ColorStepFigures after = measure_color_steps(levelled.mesh, context);
@@ -109,6 +109,9 @@ TEST(Level, StepsAtBordersVanishEvenWhereExposuresDiffer) {
   EXPECT_LT(report.inner_step_after_p95, 2);
   EXPECT_GT(report.step_before, 10);
   EXPECT_LT(report.step_after_p95, 2);
+  EXPECT_EQ(as_is.step_before, report.step_before);
+  EXPECT_EQ(as_is.step_after, as_is.step_before);
+  EXPECT_EQ(as_is.inner_step_after_p95, report.inner_step_before_p95);
 }
 
 // Two cameras side by side show one wall: it is laid out as one of them has it, so that the border between their images
