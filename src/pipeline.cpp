@@ -298,6 +298,8 @@ class Integration {
   void clean() {
     Mesh& mesh = result_.mesh;
     StageScope stage(context_, "clean");
+    // Where samples of a scanner's row share a vertex, towards its poles, an edge may have come twice.
+    result_.report.nonmanifold_triangles_removed = remove_nonmanifold(mesh);
     result_.report.triangles_in_small_components = remove_small_components(mesh, options_.smallest_component);
     result_.report.outline_vertices_moved = extend_outlines(mesh, patches_, overlap_, kShortestOutline, context_);
     thin();

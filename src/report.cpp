@@ -90,6 +90,7 @@ std::string to_json(const IntegrateReport& report, const Context& context) {
                  {"outline_vertices_moved", report.outline_vertices_moved},
                  {"self_intersecting_triangles_removed", report.self_intersecting_triangles_removed},
                  {"pinched_vertices_split", report.pinched_vertices_split},
+                 {"nonmanifold_triangles_removed", report.nonmanifold_triangles_removed},
                  {"triangles_in_small_components", report.triangles_in_small_components}};
   json["cracks"] = Json::parse(to_json(report.cracks));
   json["fill_holes"] = Json::parse(to_json(report.fill_holes));

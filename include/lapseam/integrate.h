@@ -90,6 +90,7 @@ struct IntegrateReport {
   std::uint64_t self_intersecting_triangles_removed = 0;
   CloseCracksReport cracks;
   std::uint64_t pinched_vertices_split = 0;
+  std::uint64_t nonmanifold_triangles_removed = 0;
   std::uint64_t triangles_in_small_components = 0;
   FillHolesReport fill_holes;
   std::uint64_t triangles_before_reduction = 0;  ///< at the end of sewing, where the model is thinned as it grows

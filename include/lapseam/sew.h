@@ -73,6 +73,10 @@ class Zipper {
 /// Gives each fan of a vertex where several fans touch its own copy. Returns the number of copies made.
 std::uint64_t split_pinched_vertices(Mesh& mesh);
 
+/// Removes triangles until every half-edge exists once: of those that share one, all but the first. Returns the
+/// triangles removed.
+std::uint64_t remove_nonmanifold(Mesh& mesh);
+
 /// Removes connected components (by shared edges) of fewer than `smallest` triangles. Returns the triangles removed.
 std::uint64_t remove_small_components(Mesh& mesh, std::uint64_t smallest);
 

@@ -79,6 +79,30 @@ std::uint64_t split_pinched_vertices(Mesh& mesh) {
   return copies;
 }
 
+std::uint64_t remove_nonmanifold(Mesh& mesh) {
+  const std::vector<EdgeSide> sides = sorted_edge_sides(mesh);
+  std::vector<std::uint8_t> keep(mesh.triangle_count(), 1);
+  const auto is_rising = [&](std::uint32_t corner) {
+    const Triangle& t = mesh.triangles[corner / 3];
+    return t[corner % 3] < t[next_corner(corner) % 3];
+  };
+  for (std::size_t i = 0; i < sides.size();) {
+    std::size_t end = i;
+    bool has_side[2] = {false, false};  // falling, rising
+    for (; end < sides.size() && sides[end].edge == sides[i].edge; ++end) {
+      const std::uint32_t corner = sides[end].corner;
+      if (!keep[corner / 3]) continue;
+      bool& has = has_side[is_rising(corner)];
+      if (has) keep[corner / 3] = 0;
+      has = true;
+    }
+    i = end;
+  }
+  const auto removed = std::uint64_t(std::count(keep.begin(), keep.end(), std::uint8_t(0)));
+  if (removed) mesh = compact(mesh, keep);
+  return removed;
+}
+
 std::uint64_t remove_small_components(Mesh& mesh, std::uint64_t smallest) {
   const std::vector<EdgeSide> sides = sorted_edge_sides(mesh);
   DisjointSets components(mesh.triangle_count());

@@ -203,6 +203,16 @@ TEST(SplitPinchedVertices, TwoTrianglesThatTouchInAPoint) {
   EXPECT_EQ(split_pinched_vertices(mesh), 0u);
 }
 
+// Three triangles at one edge, two of them on the same side of it.
+TEST(RemoveNonmanifold, OfTwoOnOneSideOfAnEdgeTheFirstStays) {
+  Mesh mesh;
+  mesh.positions_m = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 1, 1}};
+  mesh.triangles = {{0, 1, 2}, {1, 0, 3}, {0, 1, 4}};
+  EXPECT_EQ(remove_nonmanifold(mesh), 1u);
+  EXPECT_EQ(mesh.triangles, (std::vector<Triangle>{{0, 1, 2}, {1, 0, 3}}));
+  EXPECT_EQ(remove_nonmanifold(mesh), 0u);
+}
+
 TEST(RemoveSmallComponents, KeepsTheLargeOnes) {
   Mesh mesh;
   for (int j = 0; j < 3; ++j)
