@@ -46,8 +46,10 @@ class Rims {
     std::vector<std::uint32_t> front =
         living_triangles(mesh_, context, [&](std::uint32_t t) { return is_at_border(t); });
     while (!front.empty()) {
-      parallel_for(context, front.size(), kTrianglesAtOnce,
-                   [&](std::size_t i) { fates_[front[i]] = is_seen_through(front[i]) ? Fate::kGoes : Fate::kStays; });
+      parallel_for(context, front.size(), kTrianglesAtOnce, [&](std::size_t i) {
+        fates_[front[i]] = is_seen_through(front[i]) ? Fate::kGoes : Fate::kStays;
+        witnesses_.relieve();
+      });
       std::vector<std::uint32_t> beside;
       for (const std::uint32_t t : front) {
         if (fates_[t] != Fate::kGoes) continue;

@@ -12,6 +12,7 @@
 #include "lapseam/overlap.h"
 #include "lapseam/patch.h"
 #include "overlap/view_projection.h"
+#include "patch/by_view.h"
 #include "sew/view_canvas.h"
 
 namespace lapseam {
@@ -48,6 +49,8 @@ class Witnesses {
                   float error_m) const;
   /// Whether a view looks along a surface, so that its ranges say little of it. normal: unit, to either side.
   bool is_edge_on(std::uint32_t view, const Eigen::Vector3f& point, const Eigen::Vector3f& normal) const;
+  /// Between questions: gives range images back if a memory budget asks for it.
+  void relieve() const { lapseam::relieve(patches_.front()); }
   /// Noise of the sample that a vertex was made from, along its ray.
   float sigma_of(std::uint32_t view, std::uint32_t pixel) const;
 
