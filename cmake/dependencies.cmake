@@ -21,6 +21,13 @@ find_package(meshoptimizer REQUIRED)
 if(LAPSEAM_BUILD_TOOL OR LAPSEAM_BUILD_BENCH)
   find_package(CLI11 2.1 REQUIRED)
 endif()
+# Sanitizers have an allocator of their own.
+if(CMAKE_CXX_FLAGS MATCHES "-fsanitize=")
+  set(LAPSEAM_TCMALLOC OFF)
+endif()
+if(LAPSEAM_BUILD_TOOL AND LAPSEAM_TCMALLOC)
+  pkg_check_modules(TCMALLOC REQUIRED IMPORTED_TARGET libtcmalloc_minimal)
+endif()
 
 if(LAPSEAM_IPO)
   include(CheckIPOSupported)

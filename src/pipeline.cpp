@@ -43,6 +43,10 @@ constexpr std::uint64_t kModelBytes = 5, kLeastModelBytes = 3;
 // A hundred views of VGA size just fit into it. With much less than half over the least, images come and go all the
 // time.
 constexpr std::uint64_t kUsualBytes = 400'000'000;
+// Scenes that take less than that, but more than a small one, get this share of what they would take: the allocator
+// keeps memory for later, and not all images are looked at all the time.
+constexpr std::uint64_t kSmallBytes = 200'000'000;
+constexpr double kUsualShare = 0.8;
 
 std::string in_megabytes(std::uint64_t bytes) { return std::to_string((bytes + 999'999) / 1'000'000) + " MB"; }
 
@@ -388,7 +392,10 @@ MemoryEstimate estimate_memory(const Scene& scene, const IntegrateOptions& optio
   const std::uint64_t fixed = rss_bytes() + kRayBytes * rays + kWorkBytes * largest * std::uint64_t(threads);
   MemoryEstimate estimate{.all_bytes = fixed + (kViewBytes + kModelBytes) * all,
                           .least_bytes = fixed + kLeastModelBytes * all};
-  if (estimate.all_bytes > kUsualBytes) estimate.usual_bytes = std::max(kUsualBytes, estimate.least_bytes * 3 / 2);
+  if (estimate.all_bytes > kUsualBytes)
+    estimate.usual_bytes = std::max(kUsualBytes, estimate.least_bytes * 3 / 2);
+  else if (estimate.all_bytes > kSmallBytes)
+    estimate.usual_bytes = std::max(std::uint64_t(kUsualShare * double(estimate.all_bytes)), estimate.least_bytes);
   return estimate;
 }
 

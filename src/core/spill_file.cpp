@@ -1,7 +1,6 @@
 #include "core/spill_file.h"
 
 #include <fcntl.h>
-#include <malloc.h>
 #include <sys/mman.h>
 #include <unistd.h>
 
@@ -18,11 +17,15 @@
 namespace lapseam {
 namespace {
 
-constexpr std::chrono::milliseconds kWatchInterval(1);
 // Between two looks the process may take as much as this more: the watcher shares the processors with all workers.
 constexpr std::uint64_t kMargin = 25'000'000;
+// So much it may take in a millisecond, which is also the shortest time between two looks. Far below the budget there
+// is no need to look that often.
+constexpr std::uint64_t kBytesPerMillisecond = kMargin;
+constexpr std::uint64_t kLongestWait_ms = 20;
 // Giving back what is read again at once helps nobody: the next time is when so much has come in again.
 constexpr std::uint64_t kLeastEviction = 4'000'000;
+constexpr double kMuchKept = 0.25;  // by the allocator, of what the process has
 
 std::size_t whole_pages(std::size_t bytes) {
   static const auto page = std::size_t(::sysconf(_SC_PAGESIZE));
@@ -64,6 +67,13 @@ SpillFile::~SpillFile() {
 
 void* SpillFile::allocate(std::size_t bytes) {
   const std::size_t size = whole_pages(std::max<std::size_t>(bytes, 1));
+  void* const data = map(size);
+  // It is written at once, from end to end: a page at a time costs many times as much. Older systems cannot.
+  [[maybe_unused]] const int ignored = ::madvise(data, size, MADV_POPULATE_WRITE);
+  return data;
+}
+
+void* SpillFile::map(std::size_t size) {
   const std::scoped_lock lock(mutex_);
   // Without room reserved, a full disk would show as a signal at the first write to a page.
   if (const int error = ::posix_fallocate(descriptor_, off_t(end_), off_t(size)); error != 0)
@@ -117,7 +127,12 @@ MemoryUse SpillFile::use() const {
 
 void SpillFile::watch() {
   std::unique_lock lock(mutex_);
-  while (!wake_.wait_for(lock, kWatchInterval, [&] { return stops_; })) give_back_if_needed();
+  std::uint64_t wait_ms = 1;
+  while (!wake_.wait_for(lock, std::chrono::milliseconds(wait_ms), [&] { return stops_; })) {
+    give_back_if_needed();
+    const std::uint64_t now = rss_bytes(), left = next_ > now ? next_ - now : 0;
+    wait_ms = std::clamp<std::uint64_t>(left / kBytesPerMillisecond, 1, kLongestWait_ms);
+  }
 }
 
 void SpillFile::relieve() {
@@ -129,8 +144,10 @@ void SpillFile::give_back_if_needed() {
   if (rss_bytes() <= next_) return;
   for (const auto& [data, block] : blocks_)  // the file keeps what is dropped
     ::madvise(const_cast<void*>(data), block.size, MADV_DONTNEED);
-  ::malloc_trim(0);
   ++use_.evictions;
+  // The kernel maps images again many pages at a time, the heap one by one: that is given back only where it is much.
+  const std::uint64_t left = rss_bytes(), kept = free_memory_bytes().value_or(left);
+  if (left + kLeastEviction > threshold_ || double(kept) > kMuchKept * double(left)) release_free_memory();
   next_ = std::max(threshold_, rss_bytes() + kLeastEviction);
 }
 

@@ -45,6 +45,7 @@ class SpillFile : public PixelStore {
     std::uint32_t checksum = 0;
     bool is_sealed = false;
   };
+  void* map(std::size_t size);
   Block block_at(const void* data) const;
   void watch();
   void give_back_if_needed();  // under the mutex

@@ -3,16 +3,13 @@
 
 #include <fmt/format.h>
 
-#ifdef __GLIBC__
-#include <malloc.h>
-#endif
-
 #include <algorithm>
 #include <cstdio>
 #include <iostream>
 #include <new>
 #include <numeric>
 
+#include "allocator.h"
 #include "command.h"
 #include "help_formatter.h"
 #include "lapseam/error.h"
@@ -186,13 +183,7 @@ int run_and_report(int argc, char** argv) {
 }  // namespace lapseam::tool
 
 int main(int argc, char** argv) {
-#ifdef __GLIBC__
-  // Large arrays come and go: each returns to the system at once, which the allocator would learn not to do. A sixth
-  // less memory at the peak of integration.
-  constexpr int kLarge = 256 * 1024;
-  mallopt(M_MMAP_THRESHOLD, kLarge);
-  mallopt(M_TRIM_THRESHOLD, kLarge);
-#endif
+  lapseam::tool::set_up_allocator();
   const int exit_code = lapseam::tool::run_and_report(argc, argv);
   std::cout.flush();
   if (std::fflush(stdout) != 0 || !std::cout) {
