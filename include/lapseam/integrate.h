@@ -105,7 +105,8 @@ struct IntegrateResult {
 };
 
 /// What integrate() will need, resident, of the whole process: by the sizes of the images and what models took so far,
-/// good to a third. Views whose size only their file knows are not in it. Textures come on top.
+/// good to a third, of small scenes to a half. Views whose size only their file knows are not in it. Textures come on
+/// top.
 struct MemoryEstimate {
   std::uint64_t all_bytes = 0;    ///< with all images in memory
   std::uint64_t least_bytes = 0;  ///< with a budget of the context's: less is refused
