@@ -110,7 +110,7 @@ struct IntegrateResult {
 struct MemoryEstimate {
   std::uint64_t all_bytes = 0;    ///< with all images in memory
   std::uint64_t least_bytes = 0;  ///< with a budget of the context's: less is refused
-  /// A budget that costs next to no time and does not grow with the number of views of one room; 0: none is needed.
+  /// A budget that costs little time and does not grow with the number of views of one room; 0: none is needed.
   std::uint64_t usual_bytes = 0;
 };
 MemoryEstimate estimate_memory(const Scene& scene, const IntegrateOptions& options, int threads);

@@ -163,6 +163,10 @@ TEST(Integrate, UsualMemoryDoesNotGrowWithTheViews) {
   EXPECT_EQ(usual_of(10), 0u);  // all of it is less
   EXPECT_EQ(usual_of(100), 400'000'000u);
   EXPECT_EQ(usual_of(180), 400'000'000u);
+  scene.views.assign(70, view);
+  const MemoryEstimate middling = estimate_memory(scene, {}, 2);
+  EXPECT_LT(middling.all_bytes, 400'000'000u);
+  EXPECT_NEAR(double(middling.usual_bytes), 0.8 * double(middling.all_bytes), 1.0);
 }
 
 TEST(Integrate, ABudgetThatCannotDoIsRefusedWithOneThatCould) {

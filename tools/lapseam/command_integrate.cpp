@@ -144,10 +144,11 @@ void add_integrate_command(CLI::App& app) {
   command->add_option("--triangles", arguments->triangles, "Reduce the result to at most this many triangles")
       ->check(CLI::PositiveNumber);
   command
-      ->add_option("--memory", arguments->memory_bytes,
-                   "Most that the process may take, as 600M or 2G: images then live in a temporary file. 0: no limit. "
-                   "Default: for scenes that would take over 200M a fifth less than that, at most 400M or one and a half times "
-                   "the least that will do")
+      ->add_option(
+          "--memory", arguments->memory_bytes,
+          "Most that the process may take, as 600M or 2G: images then live in a temporary file. 0: no limit. "
+          "Default, for scenes that would take over 200M: a fifth less than that, at most 400M or one and a half "
+          "times the least that will do")
       ->transform(CLI::AsSizeValue(true));
   command->add_option("--tmp", arguments->temporary, "Folder of that file (default: the system's)")
       ->check(CLI::ExistingDirectory);
