@@ -59,7 +59,7 @@ CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const
   LiveMesh live(mesh);
   TriangleCheck check(live, normals, context);
   const Layers layers(live, check, {error_m, samples.spacing_m}, options);
-  CrackLoops cracks(live, check, layers, witnesses, patches, {error_m, samples.sigma_m}, report, context);
+  CrackLoops cracks(live, check, layers, witnesses, {error_m, samples.sigma_m}, report, context);
 
   report.outline_slivers_removed = remove_outline_slivers(live, witnesses, context);
   report.seen_through_removed = remove_seen_through(live, check, witnesses, error_m, options, context);

@@ -7,7 +7,6 @@
 #include <cmath>
 
 #include "core/parallel.h"
-#include "patch/by_view.h"
 
 namespace lapseam {
 namespace {
@@ -31,12 +30,11 @@ Loop in_order(Loop loop) {
 }  // namespace
 
 CrackLoops::CrackLoops(LiveMesh& mesh, TriangleCheck& check, const Layers& layers, const Witnesses& witnesses,
-                       std::span<const Patch> patches, VertexNoise noise, CloseCracksReport& report, Context& context)
+                       VertexNoise noise, CloseCracksReport& report, Context& context)
     : mesh_(mesh),
       check_(check),
       layers_(layers),
       witnesses_(witnesses),
-      patches_(patches),
       noise_(noise),
       report_(report),
       context_(context) {}
@@ -61,7 +59,7 @@ std::vector<CrackLoops::Judged> CrackLoops::judged_loops(std::size_t longest) co
   std::vector<Judged> judged(loops.size());
   parallel_for(context_, loops.size(), 4, [&](std::size_t i) {
     judged[i] = judge(loops[i]);
-    relieve(patches_.front());
+    witnesses_.relieve();
   });
   std::stable_sort(judged.begin(), judged.end(),
                    [](const Judged& a, const Judged& b) { return a.loop.size() < b.loop.size(); });
@@ -76,7 +74,7 @@ std::size_t CrackLoops::close_each(std::span<const Judged> judged, const Triangl
     const std::size_t count = std::min(kProposals, judged.size() - begin);
     parallel_for(context_, count, 1, [&](std::size_t i) {
       proposals[i] = propose(judged[begin + i], rule, extent);
-      relieve(patches_.front());
+      witnesses_.relieve();
     });
     for (std::size_t i = 0; i < count; ++i) {
       const std::size_t first = mesh_.triangle_count();
@@ -163,7 +161,7 @@ CrackLoops::Proposal CrackLoops::propose(const Judged& judged, const TriangleRul
   TriangleCheck check(draft, check_);
   const Layers layers(draft, check, layers_);
   CloseCracksReport report;
-  CrackLoops loops(draft, check, layers, witnesses_, patches_, noise_, report, context_);
+  CrackLoops loops(draft, check, layers, witnesses_, noise_, report, context_);
   proposal.is_made = loops.close_one(judged, rule, extent);
   if (!proposal.is_made) return proposal;
   proposal.removed = draft.removed();
@@ -291,7 +289,7 @@ void CrackLoops::fill_corners(const TriangleRule& rule) {
   });
   for (const Loop& loop : trace_loops(mesh_, open_edges(mesh_, context_))) {
     context_.throw_if_cancelled();
-    relieve(patches_.front());
+    witnesses_.relieve();
     if (is_open(loop)) report_.corners_filled += cut_ears(mesh_, check_, loop, rule, TriangleTag::kSeam);
   }
   check_.set_condition({});

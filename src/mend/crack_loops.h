@@ -27,8 +27,8 @@ struct VertexNoise {
 /// for any number of threads.
 class CrackLoops {
  public:
-  CrackLoops(LiveMesh& mesh, TriangleCheck& check, const Layers& layers, const Witnesses& witnesses,
-             std::span<const Patch> patches, VertexNoise noise, CloseCracksReport& report, Context& context);
+  CrackLoops(LiveMesh& mesh, TriangleCheck& check, const Layers& layers, const Witnesses& witnesses, VertexNoise noise,
+             CloseCracksReport& report, Context& context);
 
   /// Closes loops where views measured a surface in all of the hole.
   void close(std::size_t longest, const TriangleRule& rule);
@@ -84,7 +84,6 @@ class CrackLoops {
   TriangleCheck& check_;
   const Layers& layers_;
   const Witnesses& witnesses_;
-  std::span<const Patch> patches_;
   VertexNoise noise_;
   CloseCracksReport& report_;
   Context& context_;
