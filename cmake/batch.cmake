@@ -7,3 +7,8 @@ function(lapseam_batch target size)
     set_source_files_properties(${ARGN} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
   endif()
 endfunction()
+
+# Such files are large: by default GCC spends a tenth of its time collecting garbage of a few dozen megabytes.
+if(LAPSEAM_BATCH AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  add_compile_options(--param=ggc-min-expand=100 --param=ggc-min-heapsize=700000)
+endif()

@@ -22,7 +22,7 @@ if(LAPSEAM_BUILD_TOOL OR LAPSEAM_BUILD_BENCH)
   find_package(CLI11 2.1 REQUIRED)
 endif()
 # Sanitizers have an allocator of their own.
-if(CMAKE_CXX_FLAGS MATCHES "-fsanitize=")
+if(LAPSEAM_SANITIZED)
   set(LAPSEAM_TCMALLOC OFF)
 endif()
 if(LAPSEAM_BUILD_TOOL AND LAPSEAM_TCMALLOC)
