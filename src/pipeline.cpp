@@ -238,12 +238,23 @@ class Integration {
     for_each_plane(patch, [&](const auto& pixels) { seal(pixels, context_); });
     seal(claims.pixels, context_);
   }
-  void check_view(const Patch& patch, const Image<std::uint8_t>& claims) const {
-    bool all_whole = is_whole(claims.pixels, context_);
-    for_each_plane(patch, [&](const auto& pixels) { all_whole = all_whole && is_whole(pixels, context_); });
-    if (all_whole) return;
-    throw IoError(spill_file_of(context_)->folder(),
-                  "the temporary file lost what was written for view '" + patch.view.name + "': its checksum differs");
+  void check_views(const std::vector<std::uint32_t>& views, const std::vector<Image<std::uint8_t>>& claims) const {
+    if (!spill_file_of(context_)) return;
+    struct Plane {
+      std::uint32_t view;
+      const void* data;
+    };
+    std::vector<Plane> planes;
+    for (const std::uint32_t i : views) {
+      planes.push_back({i, claims[i].pixels.data()});
+      for_each_plane(patches_[i], [&](const auto& pixels) { planes.push_back({i, pixels.data()}); });
+    }
+    parallel_for(context_, planes.size(), 1, [&](std::size_t k) {
+      if (spill_file_of(context_)->is_whole(planes[k].data)) return;
+      throw IoError(spill_file_of(context_)->folder(), "the temporary file lost what was written for view '" +
+                                                           patches_[planes[k].view].view.name +
+                                                           "': its checksum differs");
+    });
   }
 
   // Every spot belongs to the view that measured it best; what is left open is filled in a second round by whichever
@@ -261,11 +272,9 @@ class Integration {
     const std::vector<std::vector<std::uint32_t>> groups = group_views();
     Zipper zipper(patches_, overlap_);
     const auto turns_of = [&](const std::vector<std::uint32_t>& group, Claim least) {
+      check_views(group, claims);
       std::vector<ZipperTurn> turns;
-      for (const std::uint32_t i : group) {
-        check_view(patches_[i], claims[i]);
-        turns.push_back({i, wanted_of(claims[i], least)});
-      }
+      for (const std::uint32_t i : group) turns.push_back({i, wanted_of(claims[i], least)});
       return turns;
     };
     std::size_t most_triangles = kTrianglesBetweenThinnings;

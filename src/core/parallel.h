@@ -44,6 +44,18 @@ void parallel_for(Context& context, std::size_t n, std::size_t grain, const Body
   });
 }
 
+/// What collect(i, found) appends to `found` for every i in [0, n), in the order of i.
+template <typename T, typename Collect>
+std::vector<T> parallel_collect(Context& context, std::size_t n, std::size_t grain, const Collect& collect) {
+  std::vector<std::vector<T>> of_block((n + grain - 1) / grain);
+  parallel_blocks(context, n, grain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) collect(i, of_block[begin / grain]);
+  });
+  std::vector<T> all;
+  for (const std::vector<T>& found : of_block) all.insert(all.end(), found.begin(), found.end());
+  return all;
+}
+
 /// Deterministic reduction: fold(begin, end, Value) -> Value over fixed blocks, join(Value, Value) -> Value in a fixed
 /// tree.
 template <typename Value, typename Fold, typename Join>

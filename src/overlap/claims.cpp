@@ -32,7 +32,8 @@ constexpr float kLookingThrough = 0.5f;
 // Views with more than this many times the noise have no say: their weights are small, but they are many, and what
 // smoothing did to their edges is no noise that a mean would take away.
 constexpr double kLargestNoiseRatio = 2;
-constexpr float kSameSide = 0.7f;  // views this much alike in direction see the same side of a sheet
+constexpr std::size_t kTilesAtOnce = 16;  // of one view: they have the same judges
+constexpr float kSameSide = 0.7f;         // views this much alike in direction see the same side of a sheet
 
 std::uint8_t code(Claim claim) { return static_cast<std::uint8_t>(claim); }
 
@@ -115,7 +116,7 @@ class TileClaims {
   // Each sample of a coarse lattice is asked for. Between four of them on unbroken surface the others follow: each
   // takes the claim of the nearest, and moves by what lies between the four, for range images are smoothed over more
   // than that. Only the rest is asked for one by one.
-  void run(const PatchTile& tile, const std::vector<Judge>& judges) {
+  void run(const PatchTile& tile, const std::vector<const Judge*>& judges) {
     tile_ = &tile;
     samples_.clear();
     node_.fill({});
@@ -202,8 +203,9 @@ class TileClaims {
 
   // One judge after another, each over all samples. What they fall on lies scattered over the judge's image: it is
   // fetched ahead, first the ranges, by which most samples turn out to be hidden, then the rest.
-  void ask_all(const std::vector<Judge>& judges) {
-    for (const Judge& judge : judges) {
+  void ask_all(const std::vector<const Judge*>& judges) {
+    for (const Judge* asked : judges) {
+      const Judge& judge = *asked;
       seen_.clear();
       const Patch& other = *judge.patch;
       for (std::uint32_t i = 0; i < samples_.size(); ++i) {
@@ -441,7 +443,7 @@ std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const O
   std::vector<Image<std::uint8_t>> claims(patches.size());
   std::vector<Image<std::int16_t>> shifts(patches.size());
   struct Task {
-    std::size_t view, tile;
+    std::size_t view, first, last;  // tiles
   };
   parallel_for(context, patches.size(), 1, [&](std::size_t i) {
     cones[i] = make_cone(patches[i]);
@@ -452,22 +454,27 @@ std::vector<Image<std::uint8_t>> claim_samples(std::span<Patch> patches, const O
   });
   std::vector<Task> tasks;
   for (std::size_t i = 0; i < patches.size(); ++i)
-    for (std::size_t k = 0; k < tiles[i].size(); ++k) tasks.push_back({i, k});
-  parallel_for(context, tasks.size(), 4, [&](std::size_t k) {
+    for (std::size_t k = 0; k < tiles[i].size(); k += kTilesAtOnce)
+      tasks.push_back({i, k, std::min(tiles[i].size(), k + kTilesAtOnce)});
+  parallel_for(context, tasks.size(), 1, [&](std::size_t k) {
     const std::size_t i = tasks[k].view;
-    const PatchTile& tile = tiles[i][tasks[k].tile];
     std::vector<Judge> judges;
-    for (std::size_t j = 0; j < patches.size(); ++j) {
-      if (j == i) continue;
-      const Judge judge = make_judge(patches[j], patches[i]);
-      const Eigen::Vector3f center = judge.R * tile.center_in_view + judge.t;
-      if (!cones[j].can_see(center, tile.radius_m)) continue;
-      if (!is_worth_asking(patches[j], center, patches[i], tile)) continue;
-      if (farthest[j].hide(center, tile.radius_m, largest_tolerance(judge, center, patches[i], tile, options)))
-        continue;
-      judges.push_back(judge);
+    for (std::size_t j = 0; j < patches.size(); ++j)
+      if (j != i) judges.push_back(make_judge(patches[j], patches[i]));
+    std::vector<const Judge*> asked;
+    TileClaims tile_claims(patches[i], options, claims[i], shifts[i]);
+    for (std::size_t place = tasks[k].first; place < tasks[k].last; ++place) {
+      const PatchTile& tile = tiles[i][place];
+      asked.clear();
+      for (const Judge& judge : judges) {
+        const auto j = std::size_t(judge.patch - patches.data());
+        const Eigen::Vector3f center = judge.R * tile.center_in_view + judge.t;
+        if (cones[j].can_see(center, tile.radius_m) && is_worth_asking(patches[j], center, patches[i], tile) &&
+            !farthest[j].hide(center, tile.radius_m, largest_tolerance(judge, center, patches[i], tile, options)))
+          asked.push_back(&judge);
+      }
+      tile_claims.run(tile, asked);
     }
-    TileClaims(patches[i], options, claims[i], shifts[i]).run(tile, judges);
   });
   parallel_for(context, patches.size(), 1, [&](std::size_t i) {
     for (std::size_t k = 0; options.consensus && k < shifts[i].size(); ++k)

@@ -147,15 +147,16 @@ WorkingMesh PieceResults::join(Context& context) {
   out.vertices.reserve(vertex_offset.back());
   out.triangles.reserve(triangles);
   out.source.reserve(triangles);
+  parallel_for(context, pieces_.size(), 1, [&](std::size_t i) {
+    for (Triangle& t : pieces_[i].triangles)
+      for (std::uint32_t& v : t) v = vertex_offset[parts_.part_of_vertex[v]] + new_rank_[v];
+  });
   // One after the other: appending touches new memory only as fast as pieces give theirs back.
   for (WorkingMesh& piece : pieces_) {
     context.throw_if_cancelled();
     out.vertices.insert(out.vertices.end(), piece.vertices.begin(), piece.vertices.end());
     out.source.insert(out.source.end(), piece.source.begin(), piece.source.end());
-    for (const Triangle& t : piece.triangles) {
-      const auto renamed = [&](std::uint32_t v) { return vertex_offset[parts_.part_of_vertex[v]] + new_rank_[v]; };
-      out.triangles.push_back({renamed(t[0]), renamed(t[1]), renamed(t[2])});
-    }
+    out.triangles.insert(out.triangles.end(), piece.triangles.begin(), piece.triangles.end());
     piece = {};
   }
   return out;

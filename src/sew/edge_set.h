@@ -4,8 +4,11 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <functional>
 #include <iterator>
 #include <vector>
+
+#include "core/parallel.h"
 
 namespace lapseam {
 
@@ -14,9 +17,9 @@ namespace lapseam {
 class EdgeSet {
  public:
   /// In any order; the same may come again and again.
-  void add(std::vector<std::uint64_t> keys) {
+  void add(std::vector<std::uint64_t> keys, Context& context) {
     if (keys.empty()) return;
-    std::sort(keys.begin(), keys.end());
+    parallel_sort(context, keys.begin(), keys.end(), std::less<>());
     keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
     runs_.push_back(std::move(keys));
     while (runs_.size() > 1 && runs_[runs_.size() - 2].size() < 2 * runs_.back().size()) {

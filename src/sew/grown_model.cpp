@@ -99,26 +99,26 @@ void ModelAddition::finish(const GrownModel& model, Context& context) {
   reorder(tags, order);
 }
 
-std::vector<std::uint8_t> GrownModel::accept(std::span<ModelAddition> additions) {
+std::vector<std::uint8_t> GrownModel::accept(std::span<ModelAddition> additions, Context& context) {
   std::vector<std::uint8_t> is_accepted(additions.size(), 0), is_closed(open.size(), 0);
   std::vector<OpenEdge> sides, still_open;
   for (std::size_t i = 0; i < additions.size(); ++i) {
     ModelAddition& addition = additions[i];
     if (i > 0 && is_in_the_way(addition, is_closed)) continue;
     is_accepted[i] = 1;
-    append(addition);
+    append(addition, context);
     for (const std::uint32_t place : addition.closed) {
       is_closed[place] = 1;
       sides.push_back(open[place]);
     }
     sides.insert(sides.end(), addition.sides.begin(), addition.sides.end());
     for (const OpenEdge& side : addition.sides) addition.chords.push_back(undirected(side.a, side.b));
-    border_edges.add(std::move(addition.chords));
+    border_edges.add(std::move(addition.chords), context);
   }
   still_open.reserve(open.size() + sides.size());
   for (std::size_t i = 0; i < open.size(); ++i)
     if (!is_closed[i]) still_open.push_back(open[i]);
-  std::sort(sides.begin(), sides.end(), is_before);
+  parallel_sort(context, sides.begin(), sides.end(), is_before);
   for (std::size_t i = 0; i < sides.size();) {
     const std::uint64_t key = undirected(sides[i].a, sides[i].b);
     std::size_t end = i + 1;
@@ -150,7 +150,7 @@ bool GrownModel::is_in_the_way(const ModelAddition& addition, const std::vector<
 }
 
 // Earlier additions may have moved where its vertices go.
-void GrownModel::append(ModelAddition& addition) {
+void GrownModel::append(ModelAddition& addition, Context& context) {
   const auto moved_by = std::uint32_t(mesh.vertex_count()) - addition.first_vertex;
   const auto moved = [&](std::uint32_t v) { return addition.is_own(v) ? v + moved_by : v; };
   const auto append_all = [](auto& to, const auto& from) { to.insert(to.end(), from.begin(), from.end()); };
@@ -170,11 +170,11 @@ void GrownModel::append(ModelAddition& addition) {
   for (OpenEdge& side : addition.sides) side = {moved(side.a), moved(side.b), std::uint32_t(first) + side.triangle};
   for (std::uint64_t& chord : addition.chords)
     chord = undirected(moved(std::uint32_t(chord >> 32)), moved(std::uint32_t(chord)));
-  add_chunks(first);
+  add_chunks(first, context);
 }
 
 // Everything that is known of the border, from the triangles alone.
-void GrownModel::find_border() {
+void GrownModel::find_border(Context& context) {
   // Sides by their lower vertex: the few at one are compared with each other.
   struct Side {
     std::uint32_t higher, corner;
@@ -196,28 +196,32 @@ void GrownModel::find_border() {
     const auto [a, b] = ends(corner);
     sides[next[std::min(a, b)]++] = {std::max(a, b), corner};
   }
-  open.clear();
-  std::vector<std::uint8_t> on_border(mesh.vertex_count(), 0);
-  for (std::uint32_t v = 0; v < mesh.vertex_count(); ++v)
-    for (std::uint32_t i = first[v]; i < first[v + 1]; ++i) {
-      const auto begin = sides.begin() + first[v], end = sides.begin() + first[v + 1];
-      if (std::count_if(begin, end, [&](const Side& side) { return side.higher == sides[i].higher; }) != 1) continue;
-      const auto [a, b] = ends(sides[i].corner);
-      open.push_back({a, b, sides[i].corner / 3});
-      on_border[a] = on_border[b] = 1;
+  constexpr std::size_t kVertices = 16384;  // at once
+  open = parallel_collect<OpenEdge>(context, mesh.vertex_count(), kVertices, [&](std::size_t v, auto& found) {
+    const auto begin = sides.begin() + first[v], end = sides.begin() + first[v + 1];
+    for (auto side = begin; side != end; ++side) {
+      if (std::count_if(begin, end, [&](const Side& other) { return other.higher == side->higher; }) != 1) continue;
+      const auto [a, b] = ends(side->corner);
+      found.push_back({a, b, side->corner / 3});
     }
-  std::vector<std::uint64_t> keys;
-  for (std::uint32_t v = 0; v < mesh.vertex_count(); ++v)
+  });
+  std::vector<std::uint8_t> on_border(mesh.vertex_count(), 0);
+  for (const OpenEdge& edge : open) on_border[edge.a] = on_border[edge.b] = 1;
+  const auto collect_keys = [&](std::size_t v, auto& found) {
     for (std::uint32_t i = first[v]; on_border[v] && i < first[v + 1]; ++i)
-      if (on_border[sides[i].higher]) keys.push_back(undirected(v, sides[i].higher));
+      if (on_border[sides[i].higher]) found.push_back(undirected(std::uint32_t(v), sides[i].higher));
+  };
   border_edges.clear();
-  border_edges.add(std::move(keys));
+  border_edges.add(parallel_collect<std::uint64_t>(context, mesh.vertex_count(), kVertices, collect_keys), context);
   chunks.clear();
-  add_chunks(0);
+  add_chunks(0, context);
 }
 
-void GrownModel::add_chunks(std::size_t begin) {
-  for (std::size_t first = begin; first < mesh.triangles.size(); first += kChunk) {
+void GrownModel::add_chunks(std::size_t begin, Context& context) {
+  const std::size_t before = chunks.size();
+  chunks.resize(before + (mesh.triangles.size() - begin + kChunk - 1) / kChunk);
+  parallel_for(context, chunks.size() - before, 16, [&](std::size_t i) {
+    const std::size_t first = begin + i * kChunk;
     Chunk chunk{first, std::min(first + kChunk, mesh.triangles.size()), Eigen::Vector3f::Zero(), 0, 0};
     Eigen::AlignedBox3f box;
     for (std::size_t t = chunk.first; t < chunk.last; ++t)
@@ -227,8 +231,8 @@ void GrownModel::add_chunks(std::size_t begin) {
       }
     chunk.center = box.center();
     chunk.radius_m = 0.5f * box.diagonal().norm();
-    chunks.push_back(chunk);
-  }
+    chunks[before + i] = chunk;
+  });
 }
 
 void GrownModel::sort_triangles(Context& context) {
@@ -252,7 +256,7 @@ void GrownModel::replace(Mesh replacement, Context& context) {
     }
     relieve(patches[i]);
   });
-  find_border();
+  find_border(context);
 }
 
 Mesh GrownModel::take() {

@@ -74,7 +74,7 @@ struct GrownModel {
 
   /// Takes over what views found, all of them in the model as it is. 0 for those that are in the way of an earlier one,
   /// closing the same border or making the same edge: nothing of them is taken.
-  std::vector<std::uint8_t> accept(std::span<ModelAddition> additions);
+  std::vector<std::uint8_t> accept(std::span<ModelAddition> additions, Context& context);
   /// Fills outline_size, which holds until something is added.
   void measure_outlines();
   /// Goes on with another mesh of the same provenance.
@@ -83,10 +83,10 @@ struct GrownModel {
   Mesh take();
 
  private:
-  void find_border();
+  void find_border(Context& context);
   bool is_in_the_way(const ModelAddition& addition, const std::vector<std::uint8_t>& is_closed) const;
-  void append(ModelAddition& addition);
-  void add_chunks(std::size_t begin);
+  void append(ModelAddition& addition, Context& context);
+  void add_chunks(std::size_t begin, Context& context);
   void sort_triangles(Context& context);
 };
 

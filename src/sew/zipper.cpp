@@ -29,12 +29,12 @@ struct Zipper::Impl {
     if (where == Where::kBorder) model.measure_outlines();
     std::vector<ModelAddition> additions(turns.size());
     parallel_for(context, turns.size(), 1, [&](std::size_t i) { additions[i] = find(turns[i], where, context); });
-    const std::vector<std::uint8_t> is_accepted = model.accept(additions);
+    const std::vector<std::uint8_t> is_accepted = model.accept(additions, context);
     for (std::size_t i = 0; i < turns.size(); ++i) {
       if (!is_accepted[i]) {
         if (where == Where::kBorder) model.measure_outlines();
         additions[i] = find(turns[i], where, context);
-        model.accept({&additions[i], 1});
+        model.accept({&additions[i], 1}, context);
       }
       ++times_added[turns[i].view];
     }

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "sew_meshes/triangle_check.h"
@@ -29,14 +31,24 @@ class SeamShape {
   Changes improve(std::uint32_t first);
 
  private:
-  TriangleRule rule_for(const std::vector<std::uint32_t>& old) const;
+  struct Change {
+    std::vector<std::uint32_t> old;
+    std::vector<Triangle> wanted;
+  };
+
+  TriangleRule rule_for(std::span<const std::uint32_t> old) const;
   double sine_of(const Triangle& t) const;
-  bool replace(const std::vector<std::uint32_t>& old, const std::vector<Triangle>& wanted);
-  std::array<Triangle, 2> turned(std::uint32_t left, std::uint32_t right, std::uint32_t a, std::uint32_t b) const;
-  bool gains_by_flip(std::uint32_t a, std::uint32_t b) const;
+  std::optional<Change> find_flip(std::uint32_t a, std::uint32_t b) const;
+  std::optional<Change> find_collapse(std::uint32_t from, std::uint32_t to) const;
+  bool is_possible(const std::optional<Change>& change) const;
+  bool make(const std::optional<Change>& change, bool was_possible);
+  bool is_as_before(const Change& change) const;
+  bool meets_new_ones(const Triangle& t) const;
   std::uint8_t edges_to_flip(std::uint32_t t) const;
-  bool flip(std::uint32_t a, std::uint32_t b);
-  bool collapse(std::uint32_t from, std::uint32_t to);
+  std::array<std::uint32_t, 2> shortest_edge(const Triangle& t) const;
+  void begin_phase();
+  bool is_due(std::uint32_t t) const;
+  bool is_needle(std::uint32_t t) const;
   std::uint64_t flip_edges(std::uint32_t first);
   std::uint64_t collapse_needles(std::uint32_t first);
 
@@ -49,8 +61,9 @@ class SeamShape {
   TriangleCheck& check_;
   double most_bent_cosine_;
   Context& context_;
-  std::vector<std::uint8_t> last_change_;  // per vertex: number of the pass that last made a triangle at it, from 1
-  std::uint8_t pass_ = 0;
+  std::vector<std::uint8_t> last_change_;  // per vertex: number of the phase that last made a triangle at it, from 1
+  std::uint8_t phase_ = 0;                 // flips and collapses take turns
+  BoxForest new_boxes_;                    // of triangles made in this phase
 };
 
 }  // namespace lapseam

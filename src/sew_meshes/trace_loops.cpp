@@ -74,23 +74,15 @@ class Tracer {
 }  // namespace
 
 std::vector<std::array<std::uint32_t, 2>> open_edges(const LiveMesh& mesh, Context& context) {
-  using Edges = std::vector<std::array<std::uint32_t, 2>>;
-  const std::size_t blocks = (mesh.triangle_count() + kTrianglesAtOnce - 1) / kTrianglesAtOnce;
-  std::vector<Edges> of_block(blocks);
-  parallel_blocks(context, mesh.triangle_count(), kTrianglesAtOnce, [&](std::size_t begin, std::size_t end) {
-    Edges& edges = of_block[begin / kTrianglesAtOnce];
-    for (std::size_t t = begin; t < end; ++t) {
-      if (!mesh.is_alive(std::uint32_t(t))) continue;
-      const Triangle& corners = mesh.triangle(std::uint32_t(t));
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::uint32_t a = corners[k], b = corners[(k + 1) % 3];
-        if (mesh.find(b, a) == kInvalidIndex) edges.push_back({a, b});
-      }
+  using Edge = std::array<std::uint32_t, 2>;
+  return parallel_collect<Edge>(context, mesh.triangle_count(), kTrianglesAtOnce, [&](std::size_t t, auto& edges) {
+    if (!mesh.is_alive(std::uint32_t(t))) return;
+    const Triangle& corners = mesh.triangle(std::uint32_t(t));
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t a = corners[k], b = corners[(k + 1) % 3];
+      if (mesh.find(b, a) == kInvalidIndex) edges.push_back({a, b});
     }
   });
-  Edges edges;
-  for (const Edges& some : of_block) edges.insert(edges.end(), some.begin(), some.end());
-  return edges;
 }
 
 std::vector<Loop> trace_loops(const LiveMesh& mesh, std::span<const std::array<std::uint32_t, 2>> edges) {
