@@ -5,16 +5,6 @@ else()
   set(LAPSEAM_SANITIZED OFF)
 endif()
 
-# lapseam_compile_fast(TARGET): for what calls the library and computes little itself, the tool and the tests. The
-# compiler takes half as long.
-function(lapseam_compile_fast target)
-  if(LAPSEAM_SANITIZED)
-    target_compile_options(${target} PRIVATE -O0)
-  else()
-    target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
-  endif()
-endfunction()
-
 # lapseam_instrument(TARGET): what the presets asan and fuzz leave out elsewhere. Checks of every pointer (null, alignment,
 # object size, overflow) double the compiler's time; they are made where hostile bytes go, in the readers, and so is
 # counted which branches a damaged file takes. Everywhere else the address sanitizer sees a bad pointer when it is used.

@@ -25,6 +25,8 @@ constexpr std::uint64_t kBytesPerMillisecond = kMargin;
 constexpr std::uint64_t kLongestWait_ms = 20;
 // Giving back what is read again at once helps nobody: the next time is when so much has come in again.
 constexpr std::uint64_t kLeastEviction = 4'000'000;
+// Of the threshold, what is given back at a time: images that are looked at stay, until it is their turn.
+constexpr std::uint64_t kEvictedPart = 8;
 constexpr double kMuchKept = 0.25;  // by the allocator, of what the process has
 
 std::size_t whole_pages(std::size_t bytes) {
@@ -129,8 +131,7 @@ void SpillFile::watch() {
   std::unique_lock lock(mutex_);
   std::uint64_t wait_ms = 1;
   while (!wake_.wait_for(lock, std::chrono::milliseconds(wait_ms), [&] { return stops_; })) {
-    give_back_if_needed();
-    const std::uint64_t now = rss_bytes(), left = next_ > now ? next_ - now : 0;
+    const std::uint64_t now = give_back_if_needed(), left = next_ > now ? next_ - now : 0;
     wait_ms = std::clamp<std::uint64_t>(left / kBytesPerMillisecond, 1, kLongestWait_ms);
   }
 }
@@ -140,15 +141,32 @@ void SpillFile::relieve() {
   give_back_if_needed();
 }
 
-void SpillFile::give_back_if_needed() {
-  if (rss_bytes() <= next_) return;
-  for (const auto& [data, block] : blocks_)  // the file keeps what is dropped
-    ::madvise(const_cast<void*>(data), block.size, MADV_DONTNEED);
+std::uint64_t SpillFile::give_back_if_needed() {
+  std::uint64_t now = rss_bytes();
+  if (now <= next_) return now;
+  const std::uint64_t part = std::max(kLeastEviction, threshold_ / kEvictedPart);
+  now = give_back_images(now, threshold_ > part ? threshold_ - part : 0);
   ++use_.evictions;
   // The kernel maps images again many pages at a time, the heap one by one: that is given back only where it is much.
-  const std::uint64_t left = rss_bytes(), kept = free_memory_bytes().value_or(left);
-  if (left + kLeastEviction > threshold_ || double(kept) > kMuchKept * double(left)) release_free_memory();
-  next_ = std::max(threshold_, rss_bytes() + kLeastEviction);
+  const std::uint64_t kept = free_memory_bytes().value_or(now);
+  if (now + kLeastEviction > threshold_ || double(kept) > kMuchKept * double(now)) {
+    release_free_memory();
+    now = rss_bytes();
+  }
+  next_ = std::max(threshold_, now + kLeastEviction);
+  return now;
+}
+
+// Those first whose turn was longest ago; the file keeps what is dropped.
+std::uint64_t SpillFile::give_back_images(std::uint64_t now, std::uint64_t target) {
+  auto at = blocks_.upper_bound(last_given_back_);
+  for (std::size_t i = 0; i < blocks_.size() && now > target; ++i, ++at) {
+    if (at == blocks_.end()) at = blocks_.begin();
+    last_given_back_ = at->first;
+    ::madvise(const_cast<void*>(last_given_back_), at->second.size, MADV_DONTNEED);
+    now = rss_bytes();
+  }
+  return now;
 }
 
 }  // namespace lapseam

@@ -48,7 +48,9 @@ class SpillFile : public PixelStore {
   void* map(std::size_t size);
   Block block_at(const void* data) const;
   void watch();
-  void give_back_if_needed();  // under the mutex
+  // Both under the mutex; what the process takes afterwards.
+  std::uint64_t give_back_if_needed();
+  std::uint64_t give_back_images(std::uint64_t now, std::uint64_t target);
 
   MemoryBudget budget_;
   std::filesystem::path folder_;
@@ -57,6 +59,7 @@ class SpillFile : public PixelStore {
   std::condition_variable wake_;
   bool stops_ = false;
   std::map<const void*, Block> blocks_;
+  const void* last_given_back_ = nullptr;
   std::uint64_t end_ = 0, stored_ = 0;
   std::uint64_t threshold_ = 0, next_ = 0;  // resident bytes at which something is given back
   MemoryUse use_;

@@ -7,6 +7,7 @@
 #include <unordered_set>
 
 #include "core/parallel.h"
+#include "mesh/edge_sides.h"
 #include "mesh/outline_sizes.h"
 #include "patch/by_view.h"
 #include "patch/wide_normal.h"
@@ -175,41 +176,23 @@ void GrownModel::append(ModelAddition& addition, Context& context) {
 
 // Everything that is known of the border, from the triangles alone.
 void GrownModel::find_border(Context& context) {
-  // Sides by their lower vertex: the few at one are compared with each other.
-  struct Side {
-    std::uint32_t higher, corner;
-  };
-  const auto ends = [&](std::uint32_t corner) {
-    const Triangle& t = mesh.triangles[corner / 3];
-    return std::array{t[corner % 3], t[corner % 3 == 2 ? 0 : corner % 3 + 1]};
-  };
-  const auto corners = std::uint32_t(3 * mesh.triangle_count());
-  std::vector<std::uint32_t> first(mesh.vertex_count() + 1, 0);
-  for (std::uint32_t corner = 0; corner < corners; ++corner) {
-    const auto [a, b] = ends(corner);
-    ++first[std::min(a, b) + 1];
-  }
-  for (std::size_t v = 0; v < mesh.vertex_count(); ++v) first[v + 1] += first[v];
-  std::vector<Side> sides(corners);
-  std::vector<std::uint32_t> next(first.begin(), first.end() - 1);
-  for (std::uint32_t corner = 0; corner < corners; ++corner) {
-    const auto [a, b] = ends(corner);
-    sides[next[std::min(a, b)]++] = {std::max(a, b), corner};
-  }
   constexpr std::size_t kVertices = 16384;  // at once
+  const EdgeSides sides(mesh.triangles, mesh.vertex_count());
   open = parallel_collect<OpenEdge>(context, mesh.vertex_count(), kVertices, [&](std::size_t v, auto& found) {
-    const auto begin = sides.begin() + first[v], end = sides.begin() + first[v + 1];
-    for (auto side = begin; side != end; ++side) {
-      if (std::count_if(begin, end, [&](const Side& other) { return other.higher == side->higher; }) != 1) continue;
-      const auto [a, b] = ends(side->corner);
-      found.push_back({a, b, side->corner / 3});
+    for (const EdgeSides::Side& side : sides.at(v)) {
+      const auto is_same = [&](const EdgeSides::Side& other) { return other.higher == side.higher; };
+      if (std::count_if(sides.at(v).begin(), sides.at(v).end(), is_same) != 1) continue;
+      const Triangle& t = mesh.triangles[side.corner / 3];
+      const std::uint32_t k = side.corner % 3;
+      found.push_back({t[k], t[k == 2 ? 0 : k + 1], side.corner / 3});
     }
   });
   std::vector<std::uint8_t> on_border(mesh.vertex_count(), 0);
   for (const OpenEdge& edge : open) on_border[edge.a] = on_border[edge.b] = 1;
   const auto collect_keys = [&](std::size_t v, auto& found) {
-    for (std::uint32_t i = first[v]; on_border[v] && i < first[v + 1]; ++i)
-      if (on_border[sides[i].higher]) found.push_back(undirected(std::uint32_t(v), sides[i].higher));
+    if (!on_border[v]) return;
+    for (const EdgeSides::Side& side : sides.at(v))
+      if (on_border[side.higher]) found.push_back(undirected(std::uint32_t(v), side.higher));
   };
   border_edges.clear();
   border_edges.add(parallel_collect<std::uint64_t>(context, mesh.vertex_count(), kVertices, collect_keys), context);

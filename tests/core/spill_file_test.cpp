@@ -2,11 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <numeric>
 #include <thread>
 
+#include "core/memory.h"
 #include "lapseam/error.h"
 
 namespace lapseam {
@@ -51,6 +53,20 @@ TEST(SpillFile, RelievesAtOnceWhenAsked) {
   image.pixels.get_allocator().store()->relieve();
   EXPECT_GT(context.memory_use().evictions, 0u);
   EXPECT_EQ(image.pixels, counted_image().pixels);
+}
+
+TEST(SpillFile, GivesBackAPartAtATime) {
+  constexpr int kImages = 32;
+  const std::uint64_t before = rss_bytes(), all = std::max<std::uint64_t>(96'000'000, 2 * before);
+  Context context(1);
+  context.set_memory_budget({before + 25'000'000 + all / 2, {}});
+  std::vector<Image<std::uint32_t>> images;
+  for (int i = 0; i < kImages; ++i)
+    images.push_back(make_spilled_image<std::uint32_t>(1000, int(all / kImages / 4000), context));
+  images.front().pixels.get_allocator().store()->relieve();
+  EXPECT_GT(context.memory_use().evictions, 1u);
+  EXPECT_GT(rss_bytes(), before + all / 8) << "some of the images are left";
+  EXPECT_LT(rss_bytes(), before + all);
 }
 
 TEST(SpillFile, WithoutABudgetPixelsStayWhereTheyAre) {
