@@ -66,9 +66,8 @@ bool SeamShape::meets_new_ones(const Triangle& t) const {
 bool SeamShape::make(const std::optional<Change>& change, bool was_possible) {
   if (!change) return false;
   const bool is_known = was_possible && is_as_before(*change);
-  if (is_known &&
-      std::any_of(change->wanted.begin(), change->wanted.end(), [&](const Triangle& t) { return meets_new_ones(t); }))
-    return false;
+  const auto is_in_the_way = [&](const Triangle& t) { return !check_.meets_condition(t) || meets_new_ones(t); };
+  if (is_known && std::any_of(change->wanted.begin(), change->wanted.end(), is_in_the_way)) return false;
   const TriangleRule rule = is_known ? TriangleRule{} : rule_for(change->old);
   for (const std::uint32_t t : change->old) mesh_.remove(t);
   std::vector<std::uint32_t> added;

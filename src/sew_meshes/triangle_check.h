@@ -40,9 +40,9 @@ class TriangleCheck {
   /// Half-edges free, no fold, shape and facing within the rule, the further condition, and clear.
   bool is_valid(const Triangle& t, const TriangleRule& rule) const;
   /// As is_valid, but for what the triangle may meet.
-  bool may_fit(const Triangle& t, const TriangleRule& rule) const {
-    return does_fit(t, rule) && (!condition_ || condition_(t));
-  }
+  bool may_fit(const Triangle& t, const TriangleRule& rule) const { return does_fit(t, rule) && meets_condition(t); }
+  /// The further condition alone. A draft's check does not have that of the original.
+  bool meets_condition(const Triangle& t) const { return !condition_ || condition_(t); }
   /// Whether the triangle meets no living one, and none lies over it.
   bool is_clear(const Triangle& t, const TriangleRule& rule) const;
   /// Whether the triangle fits its edges: free half-edges, area, shape, folds, facing.
