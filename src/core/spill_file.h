@@ -77,14 +77,10 @@ void spill(Pixels<T>& pixels, const Context& context) {
   pixels = Pixels<T>(pixels.begin(), pixels.end(), PixelAllocator<T>(file));
 }
 
-/// Spilled pixels that are final; nothing for others. See SpillFile.
+/// Spilled pixels that are final; nothing for others. See SpillFile, which also says whether they are whole.
 template <typename T>
 void seal(const Pixels<T>& pixels, const Context& context) {
   if (pixels.get_allocator().store()) spill_file_of(context)->seal(pixels.data());
-}
-template <typename T>
-bool is_whole(const Pixels<T>& pixels, const Context& context) {
-  return !pixels.get_allocator().store() || spill_file_of(context)->is_whole(pixels.data());
 }
 
 /// An image in the context's file from the start, all zero.
