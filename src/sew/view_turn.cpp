@@ -22,7 +22,8 @@ constexpr std::array<float, 2> kBeyondWall_px = {0.6f, 1.2f};
 // A sample may be left out when it is this close to the surface without it, in standard deviations of its range.
 constexpr float kFlatness = 0.3f;
 
-constexpr int kLeastRun = 8;  // of samples that share a vertex
+constexpr std::size_t kRows = 16;  // of the image, per task
+constexpr int kLeastRun = 8;       // of samples that share a vertex
 
 bool has_area(const Triangle& t) { return t[0] != t[1] && t[1] != t[2] && t[2] != t[0]; }
 
@@ -176,7 +177,7 @@ void ViewTurn::emit_grid() {
   emitted_ = Image<std::uint8_t>(in_.width, in_.height, 0);
   find_anchors();
   Image<std::uint8_t> is_full(in_.width, in_.height, 0);
-  parallel_blocks(context_, std::size_t(in_.height), 16, [&](std::size_t begin, std::size_t end) {
+  parallel_blocks(context_, std::size_t(in_.height), kRows, [&](std::size_t begin, std::size_t end) {
     in_.for_each_in_focus(int(begin), int(end), [&](int u, int v) {
       if (!in_.is_cell_in(u, v) || in_.cell.at(u, v)) return;
       for (int slot = 0; slot < 2; ++slot) {
@@ -190,15 +191,11 @@ void ViewTurn::emit_grid() {
       is_full.at(u, v) = emitted_.at(u, v) == 3 && !is_crowded;
     });
   });
-  in_.for_each_in_focus([&](int u, int v) {
-    for (int slot = 0; slot < 2; ++slot)
-      if (is_emitted(u, v, slot))
-        for (const auto& c : in_.corners_of(u, v, slot)) in_.sample.at(c.x(), c.y()) |= ModelInView::kEmitted;
-  });
+  mark_emitted();
   const auto deviation = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t m) {
     return deviation_from_plane(a, b, c, m);
   };
-  for (const SampleTriangle& t : adaptive_triangles(is_full, deviation)) {
+  for (const SampleTriangle& t : adaptive_triangles(is_full, deviation, context_)) {
     Triangle corners;
     for (std::size_t k = 0; k < 3; ++k) corners[k] = vertex_of(t[k]);
     if (in_.patch.grid.is_mirrored) std::swap(corners[1], corners[2]);
@@ -214,6 +211,20 @@ void ViewTurn::emit_grid() {
       if (has_area(t)) addition_.add_triangle(t, TriangleTag::kMeasured);
     }
   });
+}
+
+// A row of cells marks two rows of samples: every other block of rows at a time.
+void ViewTurn::mark_emitted() {
+  const std::size_t blocks = (std::size_t(in_.height) + kRows - 1) / kRows;
+  for (std::size_t first = 0; first < 2; ++first)
+    parallel_for(context_, (blocks + 1 - first) / 2, 1, [&](std::size_t i) {
+      const int begin = int(kRows * (2 * i + first));
+      in_.for_each_in_focus(begin, std::min(begin + int(kRows), in_.height), [&](int u, int v) {
+        for (int slot = 0; slot < 2; ++slot)
+          if (is_emitted(u, v, slot))
+            for (const auto& c : in_.corners_of(u, v, slot)) in_.sample.at(c.x(), c.y()) |= ModelInView::kEmitted;
+      });
+    });
 }
 
 // Samples of a row that lie closer together than a row and the next, as towards a scanner's poles, would make slivers:
@@ -300,6 +311,16 @@ std::uint32_t ViewTurn::gap_point_of(int u, int v) {
   return point;
 }
 
+// What collect(u, v, found) appends to `found` for every place in focus, row by row.
+template <typename T, typename Collect>
+std::vector<T> ViewTurn::collect_in_focus(const Collect& collect) {
+  const std::size_t blocks = (std::size_t(in_.height) + kRows - 1) / kRows;
+  return parallel_collect<T>(context_, blocks, 1, [&](std::size_t i, std::vector<T>& found) {
+    const int begin = int(kRows * i);
+    in_.for_each_in_focus(begin, std::min(begin + int(kRows), in_.height), [&](int u, int v) { collect(u, v, found); });
+  });
+}
+
 void ViewTurn::triangulate_gaps() {
   gap_point_of_sample_ = Image<std::uint32_t>(in_.width, in_.height, kInvalidIndex);
   for (const Wall& wall : walls_) {
@@ -307,24 +328,27 @@ void ViewTurn::triangulate_gaps() {
     const std::uint32_t b = gap_point_of_wall(edge.b, wall.b), a = gap_point_of_wall(edge.a, wall.a);
     gaps_.add_fence(b, a);
   }
-  in_.for_each_in_focus([&](int u, int v) {
+  using Sample = Eigen::Vector2i;
+  const auto sides = collect_in_focus<std::array<Sample, 2>>([&](int u, int v, auto& found) {
     for (int slot = 0; slot < 2; ++slot) {
       if (!is_emitted(u, v, slot)) continue;
       const auto c = in_.corners_of(u, v, slot);
-      for (std::size_t k = 0; k < 3; ++k) {
-        const auto &p = c[k], &q = c[(k + 1) % 3];
-        if (is_neighbor_emitted(u, v, slot, p, q)) continue;
-        const std::uint32_t a = gap_point_of(p.x(), p.y()), b = gap_point_of(q.x(), q.y());
-        gaps_.add_fence(b, a);
-        const std::uint32_t from = gaps_.points()[a].vertex, to = gaps_.points()[b].vertex;
-        if (from != to) new_border_.push_back({from, to, kInvalidIndex});
-      }
+      for (std::size_t k = 0; k < 3; ++k)
+        if (!is_neighbor_emitted(u, v, slot, c[k], c[(k + 1) % 3])) found.push_back({c[k], c[(k + 1) % 3]});
     }
   });
+  for (const auto& [p, q] : sides) {
+    const std::uint32_t a = gap_point_of(p.x(), p.y()), b = gap_point_of(q.x(), q.y());
+    gaps_.add_fence(b, a);
+    const std::uint32_t from = gaps_.points()[a].vertex, to = gaps_.points()[b].vertex;
+    if (from != to) new_border_.push_back({from, to, kInvalidIndex});
+  }
   find_border_triangles();
-  in_.for_each_in_focus([&](int u, int v) {
-    if (!(in_.sample.at(u, v) & ModelInView::kEmitted) && in_.is_usable(u, v) && touches_gap(u, v)) gap_point_of(u, v);
+  const auto in_gaps = collect_in_focus<Sample>([&](int u, int v, auto& found) {
+    if (!(in_.sample.at(u, v) & ModelInView::kEmitted) && in_.is_usable(u, v) && touches_gap(u, v))
+      found.push_back({u, v});
   });
+  for (const Sample& s : in_gaps) gap_point_of(s.x(), s.y());
   const auto block_lost = [&](std::size_t fence) {
     const auto [a, b] = fence < walls_.size() ? std::array{walls_[fence].a, walls_[fence].b} : gaps_.ends_of(fence);
     block(a, b);

@@ -50,6 +50,7 @@ class ViewTurn {
 
   // ---- samples that the view adds
   void emit_grid();
+  void mark_emitted();
   void find_anchors();
   int anchor_of(int u, int v) const;
   std::uint32_t vertex_of(int u, int v);
@@ -60,6 +61,8 @@ class ViewTurn {
 
   // ---- gaps
   void triangulate_gaps();
+  template <typename T, typename Collect>
+  std::vector<T> collect_in_focus(const Collect& collect);
   std::uint32_t gap_point_of_wall(std::uint32_t vertex, const CanvasPoint& at);
   std::uint32_t gap_point_of(int u, int v);
   void find_border_triangles();

@@ -3,7 +3,9 @@
 #include "triangulate/adaptive_triangles.h"
 
 #include <algorithm>
-#include <limits>
+#include <array>
+
+#include "core/parallel.h"
 
 namespace lapseam {
 namespace {
@@ -40,29 +42,38 @@ std::vector<std::vector<RightTriangle>> make_levels() {
 
 class Network {
  public:
-  Network(const Image<std::uint8_t>& is_full, const SampleDeviation& deviation)
-      : is_full_(is_full), deviation_(deviation), error_(is_full.width, is_full.height, 0.0f) {
+  Network(const Image<std::uint8_t>& is_full, const SampleDeviation& deviation, Context& context)
+      : is_full_(is_full), deviation_(deviation), context_(context), must_split_(is_full.width, is_full.height, 0) {
     // Blocks without a full cell still say where the outline of their neighbours is.
     for (int v = 0; v < is_full.height; v += kBlock)
       for (int u = 0; u < is_full.width; u += kBlock)
-        if (has_full_cell(u - 1, v - 1)) blocks_.push_back({u, v});
+        if (has_full_cell(u - 1, v - 1)) {
+          blocks_.push_back({u, v});
+          apart_[std::size_t(u / kBlock % 2 + v / kBlock % 2 * 2)].push_back({u, v});
+        }
     // So do the first row and column, which no block lies before.
-    for (int u = 0; u < is_full.width; ++u) error_.at(u, 0) = kMustSplit;
-    for (int v = 0; v < is_full.height; ++v) error_.at(0, v) = kMustSplit;
+    for (int u = 0; u < is_full.width; ++u) must_split_.at(u, 0) = 1;
+    for (int v = 0; v < is_full.height; ++v) must_split_.at(0, v) = 1;
   }
 
   std::vector<SampleTriangle> run() {
     static const std::vector<std::vector<RightTriangle>> levels = make_levels();
+    // What a block finds out along its outline is for its neighbours as well: before the next level, and never while
+    // they are at work themselves.
     for (auto level = levels.rbegin(); level != levels.rend(); ++level)
-      for (const At& block : blocks_)
-        for (const RightTriangle& t : *level) measure(moved(t, block), level == levels.rbegin());
-    for (const At& block : blocks_)
-      for (const RightTriangle& t : levels.front()) emit(moved(t, block));
-    return std::move(triangles_);
+      for (const std::vector<At>& blocks : apart_)
+        parallel_for(context_, blocks.size(), kGrain, [&](std::size_t i) {
+          for (const RightTriangle& t : *level) measure(moved(t, blocks[i]), level == levels.rbegin());
+        });
+    return parallel_collect<SampleTriangle>(context_, blocks_.size(), kGrain,
+                                            [&](std::size_t i, std::vector<SampleTriangle>& found) {
+                                              for (const RightTriangle& t : levels.front())
+                                                emit(moved(t, blocks_[i]), found);
+                                            });
   }
 
  private:
-  static constexpr float kMustSplit = std::numeric_limits<float>::infinity();
+  static constexpr std::size_t kGrain = 8;  // blocks
 
   static RightTriangle moved(RightTriangle t, const At& by) {
     for (At* p : {&t.a, &t.b, &t.c}) p->u += by.u, p->v += by.v;
@@ -89,46 +100,48 @@ class Network {
   void measure(const RightTriangle& t, bool is_smallest) {
     const At m = t.middle();
     if (!is_in(m)) return;
-    float& error = error_.at(m.u, m.v);
-    if (error == kMustSplit) return;
+    std::uint8_t& must_split = must_split_.at(m.u, m.v);
+    if (must_split) return;
     const RightTriangle first = t.first(), second = t.second();
     if (!is_in(t.a) || !is_in(t.b) || !is_in(t.c)) {
-      error = kMustSplit;
+      must_split = 1;
     } else if (is_smallest) {
-      if (!is_cell_full(first) || !is_cell_full(second)) error = kMustSplit;
+      must_split = !is_cell_full(first) || !is_cell_full(second);
     } else {
       const At p = first.middle(), q = second.middle();
-      error = std::max({error, error_.at(p.u, p.v), error_.at(q.u, q.v)});
+      must_split = must_split_.at(p.u, p.v) | must_split_.at(q.u, q.v);
     }
-    if (error <= 1) error = std::max(error, deviation_(index(t.a), index(t.b), index(t.c), index(m)));
+    if (!must_split) must_split = deviation_(index(t.a), index(t.b), index(t.c), index(m)) > 1;
   }
 
-  void emit(const RightTriangle& t) {
+  void emit(const RightTriangle& t, std::vector<SampleTriangle>& found) const {
     if (!t.is_divisible()) {
-      if (is_cell_full(t)) triangles_.push_back({index(t.a), index(t.b), index(t.c)});
+      if (is_cell_full(t)) found.push_back({index(t.a), index(t.b), index(t.c)});
       return;
     }
     const At m = t.middle();
-    if (is_in(m) && error_.at(m.u, m.v) <= 1) {
-      triangles_.push_back({index(t.a), index(t.b), index(t.c)});
+    if (is_in(m) && !must_split_.at(m.u, m.v)) {
+      found.push_back({index(t.a), index(t.b), index(t.c)});
       return;
     }
     if (!is_in({std::min({t.a.u, t.b.u, t.c.u}), std::min({t.a.v, t.b.v, t.c.v})})) return;
-    emit(t.first());
-    emit(t.second());
+    emit(t.first(), found);
+    emit(t.second(), found);
   }
 
   const Image<std::uint8_t>& is_full_;
   const SampleDeviation& deviation_;
-  Image<float> error_;  // of the sample in the middle of a hypotenuse, and all below it
+  Context& context_;
+  Image<std::uint8_t> must_split_;  // triangles with this sample in the middle of their hypotenuse
   std::vector<At> blocks_;
-  std::vector<SampleTriangle> triangles_;
+  std::array<std::vector<At>, 4> apart_;  // the same; those of each part have no side or corner in common
 };
 
 }  // namespace
 
-std::vector<SampleTriangle> adaptive_triangles(const Image<std::uint8_t>& is_full, const SampleDeviation& deviation) {
-  return Network(is_full, deviation).run();
+std::vector<SampleTriangle> adaptive_triangles(const Image<std::uint8_t>& is_full, const SampleDeviation& deviation,
+                                               Context& context) {
+  return Network(is_full, deviation, context).run();
 }
 
 }  // namespace lapseam

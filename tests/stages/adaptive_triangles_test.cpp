@@ -62,10 +62,11 @@ std::size_t full_cells(const Image<std::uint8_t>& is_full) {
 }
 
 TEST(AdaptiveTriangles, FlatImagesOfAnySizeAreCoveredByFew) {
+  Context context;
   for (const auto& [w, h] :
        {std::pair(80, 60), std::pair(33, 33), std::pair(65, 40), std::pair(2, 2), std::pair(31, 97)}) {
     const Image<std::uint8_t> all(w, h, 1);
-    const auto triangles = adaptive_triangles(all, kFlat);
+    const auto triangles = adaptive_triangles(all, kFlat, context);
     const Covered covered = measure(triangles, w);
     EXPECT_EQ(covered.area, double((w - 1) * (h - 1)));
     check_conforming(covered, all);
@@ -76,6 +77,7 @@ TEST(AdaptiveTriangles, FlatImagesOfAnySizeAreCoveredByFew) {
 }
 
 TEST(AdaptiveTriangles, RaggedRegionsAreCoveredExactly) {
+  Context context;
   std::mt19937 random(3);
   Image<std::uint8_t> some(120, 90, 0);
   for (int v = 0; v < 90; ++v)
@@ -83,12 +85,13 @@ TEST(AdaptiveTriangles, RaggedRegionsAreCoveredExactly) {
       const bool inside = std::hypot(u - 55, v - 40) < 38 && std::hypot(u - 70, v - 30) > 9;
       some.at(u, v) = inside && random() % 50 != 0;
     }
-  const Covered covered = measure(adaptive_triangles(some, kFlat), 120);
+  const Covered covered = measure(adaptive_triangles(some, kFlat, context), 120);
   EXPECT_EQ(covered.area, double(full_cells(some)));
   check_conforming(covered, some);
 }
 
 TEST(AdaptiveTriangles, SplitsWhereTheSurfaceLeavesThePlane) {
+  Context context;
   Image<std::uint8_t> all(97, 97, 1);
   const auto height = [](std::uint32_t i) {
     const double u = double(i % 97), v = double(i / 97);
@@ -97,7 +100,7 @@ TEST(AdaptiveTriangles, SplitsWhereTheSurfaceLeavesThePlane) {
   const SampleDeviation bump = [&](std::uint32_t a, std::uint32_t b, std::uint32_t, std::uint32_t m) {
     return float(std::abs(0.5 * (height(a) + height(b)) - height(m)) / 0.05);
   };
-  const auto triangles = adaptive_triangles(all, bump);
+  const auto triangles = adaptive_triangles(all, bump, context);
   const Covered covered = measure(triangles, 97);
   EXPECT_EQ(covered.area, 96.0 * 96.0);
   check_conforming(covered, all);
@@ -111,8 +114,9 @@ TEST(AdaptiveTriangles, SplitsWhereTheSurfaceLeavesThePlane) {
 }
 
 TEST(AdaptiveTriangles, NothingFullGivesNothing) {
-  EXPECT_TRUE(adaptive_triangles(Image<std::uint8_t>(50, 50, 0), kFlat).empty());
-  EXPECT_TRUE(adaptive_triangles(Image<std::uint8_t>(1, 1, 1), kFlat).empty());
+  Context context;
+  EXPECT_TRUE(adaptive_triangles(Image<std::uint8_t>(50, 50, 0), kFlat, context).empty());
+  EXPECT_TRUE(adaptive_triangles(Image<std::uint8_t>(1, 1, 1), kFlat, context).empty());
 }
 
 }  // namespace
