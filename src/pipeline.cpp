@@ -195,7 +195,13 @@ class Integration {
     }
     rays_.resize(views_.size());
     parallel_for(context_, views_.size(), 1, [&](std::size_t i) {
-      if (owner[i] == i) rays_[i] = make_ray_table(views_[i].sensor);
+      if (owner[i] != i) return;
+      const std::shared_ptr<RayTable> rays = make_ray_table(views_[i].sensor, context_);
+      for (auto* plane : {&rays->directions, &rays->origins}) {
+        spill(*plane, context_);
+        seal(*plane, context_);
+      }
+      rays_[i] = rays;
     });
     for (std::size_t i = 0; i < views_.size(); ++i) rays_[i] = rays_[owner[i]];
   }
@@ -240,20 +246,19 @@ class Integration {
   }
   void check_views(const std::vector<std::uint32_t>& views, const std::vector<Image<std::uint8_t>>& claims) const {
     if (!spill_file_of(context_)) return;
-    struct Plane {
-      std::uint32_t view;
-      const void* data;
-    };
-    std::vector<Plane> planes;
+    std::map<const void*, std::uint32_t> view_of;  // rays are shared
     for (const std::uint32_t i : views) {
-      planes.push_back({i, claims[i].pixels.data()});
-      for_each_plane(patches_[i], [&](const auto& pixels) { planes.push_back({i, pixels.data()}); });
+      view_of.emplace(claims[i].pixels.data(), i);
+      view_of.emplace(rays_[i]->directions.data(), i);
+      view_of.emplace(rays_[i]->origins.data(), i);
+      for_each_plane(patches_[i], [&](const auto& pixels) { view_of.emplace(pixels.data(), i); });
     }
+    const std::vector<std::pair<const void*, std::uint32_t>> planes(view_of.begin(), view_of.end());
     parallel_for(context_, planes.size(), 1, [&](std::size_t k) {
-      if (spill_file_of(context_)->is_whole(planes[k].data)) return;
+      const auto& [data, view] = planes[k];
+      if (spill_file_of(context_)->is_whole(data)) return;
       throw IoError(spill_file_of(context_)->folder(), "the temporary file lost what was written for view '" +
-                                                           patches_[planes[k].view].view.name +
-                                                           "': its checksum differs");
+                                                           patches_[view].view.name + "': its checksum differs");
     });
   }
 

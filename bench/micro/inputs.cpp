@@ -79,7 +79,7 @@ const StepThreshold& step_threshold() {
 const std::vector<Patch>& patches() {
   static const std::vector<Patch> made = [] {
     Context context;
-    const auto rays = make_ray_table(views().front().sensor);
+    const auto rays = make_ray_table(views().front().sensor, context);
     std::vector<Patch> out(kViews);
     for (std::size_t i = 0; i < out.size(); ++i) {
       Patch& patch = out[i];

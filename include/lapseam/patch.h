@@ -11,6 +11,7 @@
 #include <span>
 #include <vector>
 
+#include "lapseam/context.h"
 #include "lapseam/image.h"
 #include "lapseam/mesh.h"
 #include "lapseam/noise.h"
@@ -22,15 +23,15 @@ namespace lapseam {
 /// sensor. `origins` is empty when all rays start at the sensor frame's origin.
 struct RayTable {
   int width = 0, height = 0;
-  std::vector<Eigen::Vector3f> directions;  ///< d(point)/dr; not unit length for a pinhole, whose r is z
-  std::vector<Eigen::Vector3f> origins;
+  Pixels<Eigen::Vector3f> directions;  ///< d(point)/dr; not unit length for a pinhole, whose r is z
+  Pixels<Eigen::Vector3f> origins;
 
   Eigen::Vector3f point(std::size_t pixel, float r) const {
     const Eigen::Vector3f p = directions[pixel] * r;
     return origins.empty() ? p : Eigen::Vector3f(p + origins[pixel]);
   }
 };
-std::shared_ptr<const RayTable> make_ray_table(const Sensor& sensor);
+std::shared_ptr<RayTable> make_ray_table(const Sensor& sensor, Context& context);
 
 /// The triangles of one view. Cell (u, v) lies between samples (u, v), (u+1, v), (u, v+1), (u+1, v+1); the last column
 /// is used only where the image wraps, the last row never. A cell holds up to two triangles, slots 0 and 1:

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/parallel.h"
 #include "patch/by_view.h"
 
 namespace lapseam {
@@ -10,6 +11,7 @@ namespace {
 
 constexpr float kStepsPerOctave = 15, kLowest_per_m = 0.1f;
 constexpr float kLowestCosine = 0.05f;  // 87°
+constexpr std::size_t kRayRows = 16;
 
 }  // namespace
 
@@ -22,7 +24,7 @@ float confidence_per_m(std::uint8_t code) {
   return code == 0 ? 0.0f : kLowest_per_m * std::exp2(float(code) / kStepsPerOctave);
 }
 
-std::shared_ptr<const RayTable> make_ray_table(const Sensor& sensor) {
+std::shared_ptr<RayTable> make_ray_table(const Sensor& sensor, Context& context) {
   auto table = std::make_shared<RayTable>();
   table->width = width(sensor);
   table->height = height(sensor);
@@ -32,18 +34,19 @@ std::shared_ptr<const RayTable> make_ray_table(const Sensor& sensor) {
   if (!has_one_origin) table->origins.resize(n);
   std::visit(
       [&](const auto& s) {
-        std::size_t i = 0;
-        for (int v = 0; v < table->height; ++v)
+        parallel_for(context, std::size_t(table->height), kRayRows, [&](std::size_t v) {
+          std::size_t i = v * std::size_t(table->width);
           for (int u = 0; u < table->width; ++u, ++i) {
-            const Eigen::Vector3d at_one = s.unproject(u, v, 1.0);
+            const Eigen::Vector3d at_one = s.unproject(u, double(v), 1.0);
             if (has_one_origin) {
               table->directions[i] = at_one.cast<float>();
             } else {
-              const Eigen::Vector3d slope = s.unproject(u, v, 2.0) - at_one;
+              const Eigen::Vector3d slope = s.unproject(u, double(v), 2.0) - at_one;
               table->directions[i] = slope.cast<float>();
               table->origins[i] = (at_one - slope).cast<float>();
             }
           }
+        });
       },
       sensor);
   return table;

@@ -12,7 +12,7 @@ constexpr NoiseModel kNoise{0.001, 0, 0, 0};
 
 PatchGrid triangulate_view(const View& view, const NoiseModel& noise = kNoise) {
   Context context(2);
-  return triangulate(view, *make_ray_table(view.sensor), make_step_threshold(view.sensor, noise), context);
+  return triangulate(view, *make_ray_table(view.sensor, context), make_step_threshold(view.sensor, noise), context);
 }
 
 // Ranges of a 2×2 image seen by a camera whose samples are 1 cm apart at 1 m: 0.5 m is a step, nothing is no sample.
@@ -88,7 +88,8 @@ TEST(Triangulate, TrianglesFaceTheSensor) {
   for (const Sensor& sensor : sensors) {
     const View view =
         test::make_view("s", sensor, Eigen::Isometry3d::Identity(), test::box_room({-1, -2, -1.5}, {2, 1, 1.2}));
-    const auto rays = make_ray_table(sensor);
+    Context context(2);
+    const auto rays = make_ray_table(sensor, context);
     const PatchGrid grid = triangulate_view(view);
     ASSERT_GT(grid.triangle_count(), 1000u);
     for (std::size_t cell = 0; cell < grid.cells.size(); ++cell)

@@ -12,7 +12,7 @@
 namespace lapseam::test {
 
 inline Patch make_patch(const View& view, const NoiseModel& noise, Context& context) {
-  Patch patch{view, noise, make_ray_table(view.sensor), {}, {}, {}};
+  Patch patch{view, noise, make_ray_table(view.sensor, context), {}, {}, {}};
   const StepThreshold threshold = make_step_threshold(view.sensor, noise);
   patch.grid = triangulate(patch.view, *patch.rays, threshold, context);
   measure_confidence(patch, threshold, context);
