@@ -66,11 +66,12 @@ CloseCracksReport close_cracks(Mesh& mesh, std::span<const Patch> patches, const
   report.covered_triangles_removed = trim_double_layers(live, layers, context);
   cracks.close(kLongestLoop, kRule);
   cracks.close(kLongestSlit, kSlitRule);
-  cracks.fill(kRule);
   cracks.fill_corners(kCornerRule);
   // Where more surface has come, more of it lies over others.
   report.covered_triangles_removed += trim_double_layers(live, layers, context);
   cracks.close(kLongestLoop, kRule);
+  // Only now: what is filled in parts is in the way of what could have been closed whole.
+  cracks.fill(kRule);
   cracks.fill_corners(kCornerRule);
   const SeamShape::Changes changes = SeamShape(live, check, kMostBentCosine, context).improve(0);
   report.flips = changes.flips;

@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "core/parallel.h"
 
@@ -13,6 +14,8 @@ namespace {
 
 constexpr float kMostSigma = 1.4f;  // noise of a witness against that of the vertices around
 constexpr float kBeyond = 0.5f;     // how far beyond an edge its surface must go on, in sides of its triangle
+constexpr float kAnySize = std::numeric_limits<float>::infinity();
+constexpr std::size_t kLargestRemnant = 16;  // edges of a loop that may be what is left of a larger one
 // What a hole is widened by before it is left as it is.
 constexpr int kMostRings = 4;
 // Of the measured surface that is taken away around a hole, the area that may have no surface afterwards.
@@ -25,6 +28,11 @@ constexpr std::size_t kProposals = 512;
 Loop in_order(Loop loop) {
   std::rotate(loop.begin(), std::min_element(loop.begin(), loop.end()), loop.end());
   return loop;
+}
+
+float longest_side(const LiveMesh& mesh, const Triangle& t) {
+  const auto side = [&](std::size_t k) { return (mesh.position(t[k]) - mesh.position(t[(k + 1) % 3])).norm(); };
+  return std::max({side(0), side(1), side(2)});
 }
 
 }  // namespace
@@ -50,6 +58,7 @@ void CrackLoops::close(std::size_t longest, const TriangleRule& rule) {
 void CrackLoops::fill(const TriangleRule& rule) {
   std::vector<Judged> judged = judged_loops(kLongestLoop);
   std::erase_if(judged, [](const Judged& j) { return !j.is_crack(); });
+  has_filled_parts_ = true;
   report_.loops_filled += close_each(judged, rule, Extent::kParts);
 }
 
@@ -117,7 +126,8 @@ bool CrackLoops::goes_on_beyond(std::uint32_t a, std::uint32_t b, std::span<cons
   std::sort(sides.begin(), sides.end());
   const Eigen::Vector3f beyond = 0.5f * (p + q) + kBeyond * sides[1] * outward;
   const float error = std::max(noise_.error_m[a], noise_.error_m[b]);
-  return is_confirmed(witnesses_.ask(views, beyond, normal, error), std::max(noise_.sigma_m[a], noise_.sigma_m[b]));
+  return is_confirmed(witnesses_.ask(views, beyond, normal, error, kAnySize),
+                      std::max(noise_.sigma_m[a], noise_.sigma_m[b]));
 }
 
 // A view that is much less sure than those that measured the surroundings sees surface everywhere near one.
@@ -126,7 +136,8 @@ bool CrackLoops::is_confirmed(const Hearing& hearing, float sigma_m) const {
 }
 
 // Whether a view that can tell looked through a triangle, or none saw it.
-bool CrackLoops::is_contradicted(const Triangle& t, std::span<const std::uint32_t> views, Confirmed where) const {
+bool CrackLoops::is_contradicted(const Triangle& t, std::span<const std::uint32_t> views, Confirmed where,
+                                 float size_m) const {
   constexpr int kSteps = 4;
   const Eigen::Vector3f normal = mesh_.area_normal(t).stableNormalized().cast<float>();
   const float error = layers_.error_of(t);
@@ -136,12 +147,12 @@ bool CrackLoops::is_contradicted(const Triangle& t, std::span<const std::uint32_
       const Eigen::Vector3f p = (float(i) * mesh_.position(t[0]) + float(j) * mesh_.position(t[1]) +
                                  float(kSteps - i - j) * mesh_.position(t[2])) /
                                 kSteps;
-      const Hearing hearing = witnesses_.ask(views, p, normal, error);
+      const Hearing hearing = witnesses_.ask(views, p, normal, error, size_m);
       if (hearing.is_empty()) return true;
       if (where == Confirmed::kEverywhere && !is_confirmed(hearing, sigma)) return true;
     }
   const Eigen::Vector3f middle = (mesh_.position(t[0]) + mesh_.position(t[1]) + mesh_.position(t[2])) / 3;
-  return !is_confirmed(witnesses_.ask(views, middle, normal, error), sigma);
+  return !is_confirmed(witnesses_.ask(views, middle, normal, error, size_m), sigma);
 }
 
 bool CrackLoops::is_open(const Loop& loop) const {
@@ -162,6 +173,7 @@ CrackLoops::Proposal CrackLoops::propose(const Judged& judged, const TriangleRul
   const Layers layers(draft, check, layers_);
   CloseCracksReport report;
   CrackLoops loops(draft, check, layers, witnesses_, noise_, report, context_);
+  loops.has_filled_parts_ = has_filled_parts_;
   proposal.is_made = loops.close_one(judged, rule, extent);
   if (!proposal.is_made) return proposal;
   proposal.removed = draft.removed();
@@ -199,11 +211,15 @@ bool CrackLoops::apply(const Proposal& proposal, const TriangleRule& rule) {
 bool CrackLoops::close_one(const Judged& judged, const TriangleRule& rule, Extent extent) {
   // An outline along which nothing goes on is where the surface ends, unless all that is within it was measured.
   const Confirmed where = judged.is_crack() ? Confirmed::kInTheMiddle : Confirmed::kEverywhere;
+  // There are many ways to fill parts, and one of them, or what closes the small loops that they leave, leads up a step
+  // that noise hides.
+  const bool is_by_size = extent == Extent::kParts || (has_filled_parts_ && judged.loop.size() <= kLargestRemnant);
   // The same triangles are asked about again and again while triangulations are tried.
   std::map<Triangle, bool> known;
   check_.set_condition([&](const Triangle& t) {
     const auto [place, is_new] = known.try_emplace(t, false);
-    if (is_new) place->second = !is_contradicted(t, judged.views, where);
+    const float size_m = is_by_size ? longest_side(mesh_, t) : kAnySize;
+    if (is_new) place->second = !is_contradicted(t, judged.views, where, size_m);
     return place->second;
   });
   bool is_closed = false;
@@ -270,7 +286,7 @@ bool CrackLoops::close_all(std::span<const Loop> loops, const TriangleRule& rule
 bool CrackLoops::keeps_surface(std::span<const std::uint32_t> removed, std::span<const std::uint32_t> views) const {
   double all = 0, lost = 0;
   for (const std::uint32_t t : removed) {
-    if (is_contradicted(mesh_.triangle(t), views, Confirmed::kInTheMiddle)) continue;
+    if (is_contradicted(mesh_.triangle(t), views, Confirmed::kInTheMiddle, kAnySize)) continue;
     const double area = mesh_.area_normal(t).norm();
     all += area;
     if (!layers_.has_surface_at(mesh_.triangle(t))) lost += area;
@@ -285,7 +301,8 @@ void CrackLoops::remove_since(std::size_t first) {
 
 void CrackLoops::fill_corners(const TriangleRule& rule) {
   check_.set_condition([&](const Triangle& t) {
-    return !is_contradicted(t, views_of(t), Confirmed::kInTheMiddle) && !layers_.is_covered(t, Layers::Places::kSpread);
+    return !is_contradicted(t, views_of(t), Confirmed::kInTheMiddle, kAnySize) &&
+           !layers_.is_covered(t, Layers::Places::kSpread);
   });
   for (const Loop& loop : trace_loops(mesh_, open_edges(mesh_, context_))) {
     context_.throw_if_cancelled();

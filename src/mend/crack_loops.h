@@ -57,7 +57,8 @@ class CrackLoops {
   bool is_confirmed(const Hearing& hearing, float sigma_m) const;
   /// Where in a new triangle a view must have measured a surface.
   enum class Confirmed { kInTheMiddle, kEverywhere };
-  bool is_contradicted(const Triangle& t, std::span<const std::uint32_t> views, Confirmed where) const;
+  /// size_m: of what is asked about, see Witnesses::ask.
+  bool is_contradicted(const Triangle& t, std::span<const std::uint32_t> views, Confirmed where, float size_m) const;
   bool is_open(const Loop& loop) const;
 
   enum class Extent { kWhole, kParts };  ///< of a loop: all of it or nothing, or what can be filled
@@ -87,6 +88,7 @@ class CrackLoops {
   VertexNoise noise_;
   CloseCracksReport& report_;
   Context& context_;
+  bool has_filled_parts_ = false;
   // Loops that could not be closed, and by which fold: membership only.
   std::set<std::tuple<Extent, double, Loop>> hopeless_;
 };

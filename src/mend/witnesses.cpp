@@ -13,6 +13,9 @@ constexpr float kBelievedFactor = 1.5f;
 constexpr float kClearanceFactor = 2;  // to be empty, space must be clearer than to be the same surface
 // Where views vote, each is for what it is nearer to: a tolerance is twice what two views usually part by.
 constexpr float kVoteFactor = 0.5f;
+// What is larger than so many tolerances shows in the ranges, however slanted; the cosine of the slant that counts as
+// much steeper than what was measured, of that one's.
+constexpr float kResolvedTolerances = 2, kSteepest = 0.3f;
 
 }  // namespace
 
@@ -38,13 +41,14 @@ std::vector<std::uint32_t> Witnesses::find_views(const Eigen::Vector3f& center, 
 }
 
 Hearing Witnesses::ask(std::span<const std::uint32_t> views, const Eigen::Vector3f& point,
-                       const Eigen::Vector3f& normal, float error_m) const {
+                       const Eigen::Vector3f& normal, float error_m, float size_m) const {
   Hearing hearing;
   for (const std::uint32_t i : views) {
     const ViewCanvas& canvas = canvases_[i];
     const std::optional<Look> seen = look(canvas, point, normal, error_m);
     if (!seen || seen->behind_m() < -seen->tolerance_m) continue;  // nothing, or hidden
     const auto sigma = float(canvas.patch().noise.sigma(double(seen->measured_m)));
+    if (is_too_steep(canvas, *seen, size_m)) continue;
     if (seen->cosine > 0 && canvas.compare(seen->at, error_m) == Agreement::kAgrees)
       hearing.surface_sigma_m = std::min(hearing.surface_sigma_m, sigma);
     else if (is_looked_through(canvas, *seen, error_m, kClearanceFactor))
@@ -81,6 +85,12 @@ std::optional<Witnesses::Look> Witnesses::look(const ViewCanvas& canvas, const E
   look.tolerance_m = canvas.tolerance(look.pixel, error_m);
   look.cosine = -normal.dot(canvas.ray_to(point).normalized());
   return look;
+}
+
+// A ramp between two depths that the view cannot tell from a surface at either.
+bool Witnesses::is_too_steep(const ViewCanvas& canvas, const Look& look, float size_m) {
+  const float measured_cosine = float(canvas.patch().incidence.pixels[look.pixel]) / 255;
+  return size_m < kResolvedTolerances * look.tolerance_m && look.cosine < kSteepest * measured_cosine;
 }
 
 bool Witnesses::is_looked_through(const ViewCanvas& canvas, const Look& look, float error_m, float clearance) {

@@ -40,9 +40,11 @@ class Witnesses {
 
   /// Views that may see something of a sphere.
   std::vector<std::uint32_t> find_views(const Eigen::Vector3f& center, float radius_m) const;
-  /// normal: unit, of the surface that is asked about. error_m: how far it may be off along it.
+  /// normal: unit, of the surface that is asked about. error_m: how far it may be off along it. size_m: how large it
+  /// is. Where it is no larger than what a range may be off by, a view that measured a surface much less slanted says
+  /// nothing: between a thing and a wall close behind it, such a piece would be as near to both as they are.
   Hearing ask(std::span<const std::uint32_t> views, const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
-              float error_m) const;
+              float error_m, float size_m) const;
   /// The same question, put to the vote: what a view measured farther off than half of what noise and poses may do is
   /// not this surface. Ranges count as they are, also beside steps.
   ViewCount count(std::span<const std::uint32_t> views, const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
@@ -69,6 +71,7 @@ class Witnesses {
   /// Nothing where the view measured nothing.
   std::optional<Look> look(const ViewCanvas& canvas, const Eigen::Vector3f& point, const Eigen::Vector3f& normal,
                            float error_m) const;
+  static bool is_too_steep(const ViewCanvas& canvas, const Look& look, float size_m);
   /// Whether all around lies behind the place by more than so many tolerances.
   static bool is_looked_through(const ViewCanvas& canvas, const Look& look, float error_m, float clearance);
 

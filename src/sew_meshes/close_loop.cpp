@@ -33,26 +33,43 @@ enum class Remainder {
 /// The best triangulation of a loop, again and again, without triangles that turned out to be impossible.
 class LoopSolver {
  public:
-  LoopSolver(const LiveMesh& mesh, const Loop& loop, LoopGoal goal, Remainder remainder)
-      : mesh_(mesh), loop_(loop), n_(loop.size()), goal_(goal), remainder_(remainder), position_(n_), across_(n_) {
+  LoopSolver(const LiveMesh& mesh, const TriangleCheck& check, const Loop& loop, LoopGoal goal, Remainder remainder,
+             const TriangleRule& rule)
+      : mesh_(mesh),
+        check_(check),
+        rule_(rule),
+        loop_(loop),
+        n_(loop.size()),
+        goal_(goal),
+        remainder_(remainder),
+        sharpest_turn_(0.5f * (1 - float(rule.fold_cosine)) + kRounding),
+        position_(n_),
+        across_(n_) {
     for (std::size_t i = 0; i < n_; ++i) {
       position_[i] = mesh.position(loop[i]).cast<double>();
       across_[i] = mesh.area_normal(mesh.find(loop[i], loop[(i + 1) % n_])).stableNormalized().cast<float>();
     }
     mark_existing_edges();
-    best_.assign(n_ * n_, Cost{});
-    split_.assign(n_ * n_, 0);
+    from_.assign(n_ * n_, Cost{});
+    to_.assign(n_ * n_, Cost{});
+    split_.assign(n_ * n_, kNowhere);
     normal_.assign(n_ * n_, Eigen::Vector3f::Zero());
     is_stale_.assign(n_ * n_, 0);
+    if (remainder_ == Remainder::kAllowed) {
+      length_m_.resize(n_ * n_);
+      for (std::size_t i = 0; i < n_; ++i)
+        for (std::size_t j = i; j < n_; ++j)
+          length_m_[i * n_ + j] = length_m_[j * n_ + i] = float((position_[j] - position_[i]).norm());
+      part_m_.assign(n_ * n_, std::numeric_limits<float>::infinity());
+      way_m_ = rest_m_ = part_m_;
+      first_.assign(n_ * n_, 0);
+    }
     for (std::size_t i = 0; i + 1 < n_; ++i) {
-      best_[i * n_ + i + 1] = {0, 0, 0};
       normal_[i * n_ + i + 1] = across_[i];
+      if (remainder_ == Remainder::kAllowed) way_m_[i * n_ + i + 1] = length_m_[i * n_ + i + 1];
+      set_cost(i, i + 1, {0, 0, 0});
     }
     for (std::size_t i = 0; i + 2 < n_; ++i) is_stale_[i * n_ + i + 2] = 1;
-    if (remainder_ == Remainder::kAllowed) {
-      way_.assign(n_ * n_, {});
-      for (std::size_t i = 0; i + 1 < n_; ++i) way_[i * n_ + i + 1] = {distance(i, i + 1), i + 1};
-    }
   }
 
   /// Places in the loop (k, i, j) of each triangle; empty: there is no triangulation left. Chains that contain nothing
@@ -67,7 +84,7 @@ class LoopSolver {
       }
     std::fill(is_stale_.begin(), is_stale_.end(), std::uint8_t(0));
     std::vector<std::array<std::size_t, 3>> triangles;
-    if (std::isinf(best_[n_ - 1].open_m)) return triangles;
+    if (std::isinf(from_[n_ - 1].open_m)) return triangles;
     std::vector<std::pair<std::size_t, std::size_t>> chains = {{0, n_ - 1}};
     while (!chains.empty()) {
       const auto [i, j] = chains.back();
@@ -85,14 +102,28 @@ class LoopSolver {
     return triangles;
   }
 
-  void forbid(const std::array<std::size_t, 3>& t) {
-    forbidden_.insert(key(t[0], t[1], t[2]));
-    is_stale_[t[1] * n_ + t[2]] = 1;
+  /// Whether a triangle may stand in the mesh as it is now. If not, it is forbidden.
+  bool test(const std::array<std::size_t, 3>& t) {
+    const bool is_valid = check_.is_valid(triangle(t), rule_);
+    if (is_valid) {
+      allowed_.insert(key(t));
+    } else {
+      forbidden_.insert(key(t));
+      is_stale_[t[1] * n_ + t[2]] = 1;
+    }
+    return is_valid;
+  }
+
+  /// From now on, triangles are tested before they count, up to so many of them; the rest are left out.
+  void test_first(std::size_t most_tests) {
+    tests_left_ = most_tests;
+    does_test_first_ = true;
+    std::fill(is_stale_.begin(), is_stale_.end(), std::uint8_t(1));
   }
   Triangle triangle(const std::array<std::size_t, 3>& t) const { return {loop_[t[0]], loop_[t[1]], loop_[t[2]]}; }
 
  private:
-  std::uint64_t key(std::size_t k, std::size_t i, std::size_t j) const { return (k * n_ + i) * n_ + j; }
+  std::uint64_t key(const std::array<std::size_t, 3>& t) const { return (t[0] * n_ + t[1]) * n_ + t[2]; }
 
   /// A diagonal may not be an edge that exists already.
   void mark_existing_edges() {
@@ -121,106 +152,130 @@ class LoopSolver {
   void solve_chain(std::size_t i, std::size_t j) {
     const bool may_stay_open = remainder_ == Remainder::kAllowed;
     if (may_stay_open) find_way(i, j);
-    Cost& best = best_[i * n_ + j];
-    best = {};
-    if (is_edge_[i * n_ + j]) return;
-    const bool is_outline = i == 0 && j + 1 == n_;
-    if (may_stay_open) {
-      best = {way_[i * n_ + j].open_m + distance(i, j), 0, 0};
-      split_[i * n_ + j] = kOpen;
-    }
-    for (std::size_t k = i + 1; k < j; ++k) {
-      const Cost &left = best_[i * n_ + k], &right = best_[k * n_ + j];
-      Cost cost = {left.open_m + right.open_m, std::max(left.worst, right.worst), left.sum + right.sum};
-      if (!(cost < best)) continue;
-      const Eigen::Vector3d ki = position_[i] - position_[k], kj = position_[j] - position_[k];
-      const Eigen::Vector3d area2 = ki.cross(kj);
-      const double length = area2.norm();
-      if (!(length > 0)) continue;
-      const Eigen::Vector3f normal = (area2 / length).cast<float>();
-      float fold = std::max(fold_across(i, k, normal), fold_across(k, j, normal));
-      if (is_outline) fold = std::max(fold, turn(normal, across_[n_ - 1]));
-      if (goal_ == LoopGoal::kArea) {
-        cost = {cost.open_m, std::max(cost.worst, fold), cost.sum + float(length)};
-      } else {
-        const double sides[3] = {ki.squaredNorm(), kj.squaredNorm(), (ki - kj).squaredNorm()};
-        const double longest = std::max({sides[0], sides[1], sides[2]});
-        const double shortest = std::min({sides[0], sides[1], sides[2]});
-        const double middle = sides[0] + sides[1] + sides[2] - longest - shortest;
-        const float shape = std::max(0.0f, 1 - float(length / std::sqrt(longest * middle)) / 0.8660254f);
-        cost = {cost.open_m, std::max({cost.worst, shape, fold}), cost.sum + shape + fold};
+    // What was best the last time, or for the chain without its last edge, is tried first: most others are worse at
+    // first sight.
+    std::size_t guess = split_[i * n_ + j];
+    if (!is_between(guess, i, j)) guess = split_[i * n_ + j - 1];
+    Cost best;
+    split_[i * n_ + j] = kNowhere;
+    if (!is_edge_[i * n_ + j]) {
+      if (may_stay_open) {
+        best = {way_m_[i * n_ + j] + length_m_[i * n_ + j], 0, 0};
+        split_[i * n_ + j] = kOpen;
       }
-      if (!(cost < best) || (!forbidden_.empty() && forbidden_.contains(key(k, i, j)))) continue;
-      best = cost;
-      split_[i * n_ + j] = k;
-      normal_[i * n_ + j] = normal;
+      if (is_between(guess, i, j)) try_triangle(guess, i, j, best);
+      for (std::size_t k = i + 1; k < j; ++k) try_triangle(k, i, j, best);
     }
+    set_cost(i, j, best);
   }
 
-  float distance(std::size_t i, std::size_t j) const { return float((position_[j] - position_[i]).norm()); }
+  static bool is_between(std::size_t k, std::size_t i, std::size_t j) { return k > i && k < j; }
+
+  void try_triangle(std::size_t k, std::size_t i, std::size_t j, Cost& best) {
+    const Cost &left = from_[i * n_ + k], &right = to_[j * n_ + k];
+    Cost cost = {left.open_m + right.open_m, std::max(left.worst, right.worst), left.sum + right.sum};
+    if (!(cost < best)) return;
+    const Eigen::Vector3d ki = position_[i] - position_[k], kj = position_[j] - position_[k];
+    const Eigen::Vector3d area2 = ki.cross(kj);
+    const double length = area2.norm();
+    if (!(length > 0)) return;
+    const Eigen::Vector3f normal = (area2 / length).cast<float>();
+    float fold = std::max(fold_across(i, k, normal), fold_across(k, j, normal));
+    if (i == 0 && j + 1 == n_) fold = std::max(fold, turn(normal, across_[n_ - 1]));
+    if (fold > sharpest_turn_) return;
+    if (goal_ == LoopGoal::kArea) {
+      cost = {cost.open_m, std::max(cost.worst, fold), cost.sum + float(length)};
+    } else {
+      const double sides[3] = {ki.squaredNorm(), kj.squaredNorm(), (ki - kj).squaredNorm()};
+      const double longest = std::max({sides[0], sides[1], sides[2]});
+      const double shortest = std::min({sides[0], sides[1], sides[2]});
+      const double middle = sides[0] + sides[1] + sides[2] - longest - shortest;
+      const float shape = std::max(0.0f, 1 - float(length / std::sqrt(longest * middle)) / 0.8660254f);
+      cost = {cost.open_m, std::max({cost.worst, shape, fold}), cost.sum + shape + fold};
+    }
+    if (!(cost < best) || !is_possible({k, i, j})) return;
+    best = cost;
+    split_[i * n_ + j] = k;
+    normal_[i * n_ + j] = normal;
+  }
+
+  bool is_possible(const std::array<std::size_t, 3>& t) {
+    if (forbidden_.contains(key(t))) return false;
+    if (!does_test_first_ || allowed_.contains(key(t))) return true;
+    return tests_left_ > 0 && (--tests_left_, test(t));
+  }
+
+  void set_cost(std::size_t i, std::size_t j, const Cost& cost) {
+    from_[i * n_ + j] = to_[j * n_ + i] = cost;
+    if (remainder_ == Remainder::kNone) return;
+    part_m_[i * n_ + j] = length_m_[i * n_ + j] + cost.open_m;
+    rest_m_[j * n_ + i] = std::min(way_m_[i * n_ + j], part_m_[i * n_ + j]);
+  }
 
   /// The outline that is left of a chain whose end edge has a hole behind it: from vertex to vertex along the loop, or
-  /// across parts of it that are filled.
-  struct Way {
-    float open_m = 0;       ///< in all, with what is left within the filled parts
-    std::size_t first = 0;  ///< where its first part ends
-  };
-
+  /// across parts of it that are filled; with what is left within those.
   void find_way(std::size_t i, std::size_t j) {
-    Way& way = way_[i * n_ + j];
-    way = {std::numeric_limits<float>::infinity(), i + 1};
-    for (std::size_t k = i + 1; k < j; ++k) {
-      const float part_m = distance(i, k) + best_[i * n_ + k].open_m;
-      const float rest_m = std::min(way_[k * n_ + j].open_m, distance(k, j) + best_[k * n_ + j].open_m);
-      if (part_m + rest_m < way.open_m) way = {part_m + rest_m, k};
-    }
+    using Lengths = Eigen::Map<const Eigen::ArrayXf>;
+    const auto between = Eigen::Index(j - i - 1);
+    const auto sum = Lengths(&part_m_[i * n_ + i + 1], between) + Lengths(&rest_m_[j * n_ + i + 1], between);
+    const float least = sum.minCoeff();
+    Eigen::Index first = 0;
+    while (first + 1 < between && sum[first] != least) ++first;
+    way_m_[i * n_ + j] = least;
+    first_[i * n_ + j] = i + 1 + std::size_t(first);
   }
 
   /// Adds the filled parts along the way to the chains.
   void follow_way(std::size_t i, std::size_t j, std::vector<std::pair<std::size_t, std::size_t>>& chains) const {
-    for (std::size_t k = way_[i * n_ + j].first;; k = way_[i * n_ + j].first) {
+    for (std::size_t k = first_[i * n_ + j];; k = first_[i * n_ + j]) {
       chains.emplace_back(i, k);
       i = k;
       if (j <= i + 1) return;
-      if (distance(i, j) + best_[i * n_ + j].open_m < way_[i * n_ + j].open_m) {
+      if (part_m_[i * n_ + j] < way_m_[i * n_ + j]) {
         chains.emplace_back(i, j);
         return;
       }
     }
   }
 
-  static constexpr std::size_t kOpen = std::numeric_limits<std::size_t>::max();
+  static constexpr float kRounding = 1e-5f;
+  // In place of a split: the chain stays open; there is no triangulation of it.
+  static constexpr std::size_t kOpen = std::numeric_limits<std::size_t>::max(), kNowhere = 0;
 
   const LiveMesh& mesh_;
+  const TriangleCheck& check_;
+  const TriangleRule& rule_;
   const Loop& loop_;
   std::size_t n_;
   LoopGoal goal_;
   Remainder remainder_;
+  float sharpest_turn_;
   std::vector<Eigen::Vector3d> position_;
   std::vector<Eigen::Vector3f> across_;  // of each edge, the unit normal of the triangle on its other side
   std::vector<std::uint8_t> is_edge_;
-  std::vector<Cost> best_;
+  // Of each chain the best, by its first and by its last vertex: the loops over what is between run along memory.
+  std::vector<Cost> from_, to_;
   std::vector<std::size_t> split_;
   std::vector<Eigen::Vector3f> normal_;
-  std::vector<Way> way_;
   std::vector<std::uint8_t> is_stale_;
-  std::unordered_set<std::uint64_t> forbidden_;  // membership only
+  bool does_test_first_ = false;
+  std::size_t tests_left_ = 0;
+  std::unordered_set<std::uint64_t> forbidden_, allowed_;  // membership only
+  // Where parts may stay open, of each chain: the length of its end edge; what is left open with that edge, without it,
+  // and the less of both (by last vertex); where the first part of the way without it ends.
+  std::vector<float> length_m_, part_m_, way_m_, rest_m_;
+  std::vector<std::size_t> first_;
 };
 
 /// Adds the triangles one by one. Those that do not fit are forbidden, and all are taken back.
 bool try_to_add(LiveMesh& mesh, TriangleCheck& check, LoopSolver& solver,
-                const std::vector<std::array<std::size_t, 3>>& triangles, const TriangleRule& rule, TriangleTag tag) {
+                const std::vector<std::array<std::size_t, 3>>& triangles, TriangleTag tag) {
   bool is_possible = true;
-  for (const auto& t : triangles)
-    if (!check.is_valid(solver.triangle(t), rule)) {
-      solver.forbid(t);
-      is_possible = false;
-    }
+  for (const auto& t : triangles) is_possible &= solver.test(t);
   if (!is_possible) return false;
   std::vector<std::uint32_t> added;
   for (const auto& t : triangles) {
-    if (!check.is_valid(solver.triangle(t), rule)) {
-      solver.forbid(t);
+    if (!solver.test(t)) {  // it meets one of those before it
       for (const std::uint32_t id : added) mesh.remove(id);
       return false;
     }
@@ -245,24 +300,29 @@ bool has_edge_without_triangle(const TriangleCheck& check, const Loop& loop, con
   return false;
 }
 
+// Of parts of a loop there is always some triangulation that would be better: those are tested that would be best, then
+// triangles before they count, so few that the longest loops take no more than ten times as long.
+constexpr std::size_t kGuesses = 8, kMostTests = 10000;
+constexpr std::size_t kAttemptsAfterTests = 3;  // tested triangles may still meet each other
+
 /// Returns how many triangles it took; 0: nothing has changed.
-std::size_t add_triangulation(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, LoopGoal goal,
-                              Remainder remainder, const TriangleRule& rule, TriangleTag tag, LoopEffort effort) {
-  if (remainder == Remainder::kNone && has_edge_without_triangle(check, loop, rule)) return 0;
-  LoopSolver solver(mesh, loop, goal, remainder);
-  const std::size_t attempts =
-      std::clamp<std::size_t>(6000 / loop.size(), 30, 300) / (effort == LoopEffort::kQuick ? 4 : 1);
+std::size_t add_triangulation(LiveMesh& mesh, TriangleCheck& check, LoopSolver& solver, std::size_t attempts,
+                              TriangleTag tag) {
   for (std::size_t attempt = 0; attempt < attempts; ++attempt) {
     const auto triangles = solver.solve();
     if (triangles.empty()) return 0;
-    if (try_to_add(mesh, check, solver, triangles, rule, tag)) return triangles.size();
+    if (try_to_add(mesh, check, solver, triangles, tag)) return triangles.size();
   }
   return 0;
 }
 
 bool close_whole(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, LoopGoal goal, const TriangleRule& rule,
                  TriangleTag tag, LoopEffort effort) {
-  return add_triangulation(mesh, check, loop, goal, Remainder::kNone, rule, tag, effort) > 0;
+  if (has_edge_without_triangle(check, loop, rule)) return false;
+  LoopSolver solver(mesh, check, loop, goal, Remainder::kNone, rule);
+  const std::size_t attempts =
+      std::clamp<std::size_t>(6000 / loop.size(), 30, 300) / (effort == LoopEffort::kQuick ? 4 : 1);
+  return add_triangulation(mesh, check, solver, attempts, tag) > 0;
 }
 
 /// Cuts corners of a loop until `target` are left or none can be cut; the sharpest first.
@@ -340,7 +400,10 @@ class EarCutter {
 std::size_t fill_loop(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, LoopGoal goal, const TriangleRule& rule,
                       TriangleTag tag) {
   if (loop.size() < 3 || loop.size() > kLargestWhole) return 0;
-  return add_triangulation(mesh, check, loop, goal, Remainder::kAllowed, rule, tag, LoopEffort::kThorough);
+  LoopSolver solver(mesh, check, loop, goal, Remainder::kAllowed, rule);
+  if (const std::size_t added = add_triangulation(mesh, check, solver, kGuesses, tag)) return added;
+  solver.test_first(kMostTests);
+  return add_triangulation(mesh, check, solver, kAttemptsAfterTests, tag);
 }
 
 std::size_t cut_ears(LiveMesh& mesh, TriangleCheck& check, const Loop& loop, const TriangleRule& rule,

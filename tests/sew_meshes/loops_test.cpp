@@ -77,6 +77,20 @@ TEST(FillLoop, LeavesTheLeastLengthOpen) {
   EXPECT_EQ(health.self_intersecting_triangles, 0u);
 }
 
+TEST(FillLoop, FindsTheFewTrianglesThatAreAllowed) {
+  Context context(1);
+  Mesh mesh = slotted_sheet();
+  LiveMesh live(mesh);
+  TriangleCheck check(live, {}, context);
+  // At the end of the slot one square; thousands of triangulations begin elsewhere.
+  check.set_condition([&](const Triangle& t) {
+    return std::all_of(t.begin(), t.end(), [&](std::uint32_t v) { return mesh.positions_m[v].x() < 0.31f; });
+  });
+  const double before = open_length(live, context);
+  EXPECT_EQ(fill_loop(live, check, slot_of(live, context), LoopGoal::kArea, kRule, TriangleTag::kSeam), 2u);
+  EXPECT_NEAR(open_length(live, context), before - 2 * 0.1, 1e-4);
+}
+
 TEST(FillLoop, ChangesNothingWhereNothingIsAllowed) {
   Context context(1);
   Mesh mesh = slotted_sheet();
