@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "core/parallel.h"
+#include "mesh/longest_edge.h"
 
 namespace lapseam {
 namespace {
@@ -28,11 +29,6 @@ constexpr std::size_t kProposals = 512;
 Loop in_order(Loop loop) {
   std::rotate(loop.begin(), std::min_element(loop.begin(), loop.end()), loop.end());
   return loop;
-}
-
-float longest_side(const LiveMesh& mesh, const Triangle& t) {
-  const auto side = [&](std::size_t k) { return (mesh.position(t[k]) - mesh.position(t[(k + 1) % 3])).norm(); };
-  return std::max({side(0), side(1), side(2)});
 }
 
 }  // namespace
@@ -218,7 +214,7 @@ bool CrackLoops::close_one(const Judged& judged, const TriangleRule& rule, Exten
   std::map<Triangle, bool> known;
   check_.set_condition([&](const Triangle& t) {
     const auto [place, is_new] = known.try_emplace(t, false);
-    const float size_m = is_by_size ? longest_side(mesh_, t) : kAnySize;
+    const float size_m = is_by_size ? longest_edge(mesh_.positions(), t) : kAnySize;
     if (is_new) place->second = !is_contradicted(t, judged.views, where, size_m);
     return place->second;
   });

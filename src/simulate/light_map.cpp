@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "core/parallel.h"
+#include "mesh/longest_edge.h"
 
 namespace lapseam::simulation {
 namespace {
@@ -93,11 +94,6 @@ std::vector<Vector3f> vertex_normals(const Mesh& mesh) {
   return normals;
 }
 
-float longest_edge(const Mesh& mesh, const Triangle& t) {
-  const auto& p = mesh.positions_m;
-  return std::max({(p[t[0]] - p[t[1]]).norm(), (p[t[1]] - p[t[2]]).norm(), (p[t[2]] - p[t[0]]).norm()});
-}
-
 }  // namespace
 
 LightMap::LightMap(const SimulatedScene& scene, const RayScene& rays, Context& context)
@@ -113,7 +109,8 @@ LightMap::LightMap(const SimulatedScene& scene, const RayScene& rays, Context& c
   first_point_.resize(mesh.triangle_count());
   std::uint64_t total = 0;
   for (std::size_t i = 0; i < steps_.size(); ++i) {
-    const int n = std::clamp(int(std::ceil(longest_edge(mesh, mesh.triangles[i]) / kCellSize_m)), 1, kMostSteps);
+    const int n =
+        std::clamp(int(std::ceil(longest_edge(mesh.positions_m, mesh.triangles[i]) / kCellSize_m)), 1, kMostSteps);
     steps_[i] = std::uint16_t(n);
     first_point_[i] = total;
     if (n > 1) total += row_start(std::uint64_t(n), std::uint64_t(n) + 1);
